@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/experiment/checkpoint.h"
+
+#include <nlohmann/json.hpp>
+
+#include <cmath>
+#include <fstream>
+#include <limits>
+
+namespace variform {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// JSON has no NaN: null stands for it.
+Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+double number(const Json& json) {
+  return json.is_null() ? std::numeric_limits<double>::quiet_NaN() : json.get<double>();
+}
+
+template <class Numbers>
+Json numbers(const Numbers& values) {
+  Json json = Json::array();
+  for (const double value : values) json.push_back(number(value));
+  return json;
+}
+
+std::vector<double> numbers(const Json& json) {
+  std::vector<double> values;
+  for (const Json& entry : json) values.push_back(number(entry));
+  return values;
+}
+
+template <class M>
+Json dense(const M& matrix) {
+  return {{"rows", matrix.rows()},
+          {"columns", matrix.cols()},
+          {"values", std::vector<typename M::Scalar>(matrix.data(), matrix.data() + matrix.size())}};
+}
+
+template <class M>
+M dense(const Json& json) {
+  M matrix(json.at("rows").get<Index>(), json.at("columns").get<Index>());
+  const auto values = json.at("values");
+  if (static_cast<Eigen::Index>(values.size()) != matrix.size()) throw Json::other_error::create(501, "size", nullptr);
+  for (Eigen::Index i = 0; i < matrix.size(); ++i) {
+    if constexpr (std::is_same_v<typename M::Scalar, double>)
+      matrix.data()[i] = number(values[static_cast<std::size_t>(i)]);
+    else
+      matrix.data()[i] = values[static_cast<std::size_t>(i)].template get<Index>();
+  }
+  return matrix;
+}
+
+Json value_json(const Value& value) {
+  return std::visit(
+      [](const auto& v) -> Json {
+        if constexpr (std::is_same_v<std::decay_t<decltype(v)>, std::monostate>)
+          return nullptr;
+        else if constexpr (std::is_same_v<std::decay_t<decltype(v)>, double>)
+          return {{"number", number(v)}};
+        else
+          return v;
+      },
+      value);
+}
+
+Value value_from(const Json& json) {
+  if (json.is_null()) return {};
+  if (json.is_boolean()) return json.get<bool>();
+  if (json.is_number_integer()) return json.get<std::int64_t>();
+  if (json.is_object()) return number(json.at("number"));
+  return json.get<std::string>();
+}
+
+}  // namespace
+
+void save_point(const std::filesystem::path& file, const std::string& config_text, const PointResult& result) {
+  Json json;
+  json["config"] = config_text;
+  json["metrics"] = Json::array();
+  for (const auto& [key, value] : result.metrics.entries()) json["metrics"].push_back({key, value_json(value)});
+  if (result.figure) {
+    const MeshFigure& figure = *result.figure;
+    json["figure"] = {{"positions", dense(figure.mesh.positions)},
+                      {"cells", dense(figure.mesh.cells)},
+                      {"values", numbers(figure.cell_values)},
+                      {"fixed", figure.fixed_vertices},
+                      {"moved", figure.moved_vertices},
+                      {"soft", figure.soft_vertices},
+                      {"flipped", figure.flipped_cells}};
+  }
+  json["history"] = Json::array();
+  for (const Curve& curve : result.history) {
+    json["history"].push_back({{"label", curve.label}, {"x", numbers(curve.x)}, {"y", numbers(curve.y)}});
+  }
+  json["probes"] = {
+      {"rows", result.probes.rows()},
+      {"columns", result.probes.cols()},
+      {"values", numbers(std::vector<double>(result.probes.data(), result.probes.data() + result.probes.size()))}};
+  json["probe_scale"] = result.probe_scale;
+  json["warnings"] = result.warnings;
+  write_file(file, json.dump());
+}
+
+std::optional<PointResult> load_point(const std::filesystem::path& file, const std::string& config_text) {
+  std::ifstream stream(file);
+  if (!stream) return std::nullopt;
+  try {
+    const Json json = Json::parse(stream);
+    if (json.at("config").get<std::string>() != config_text) return std::nullopt;
+    PointResult result;
+    for (const Json& entry : json.at("metrics")) result.metrics.set(entry[0].get<std::string>(), value_from(entry[1]));
+    if (json.contains("figure")) {
+      const Json& from = json["figure"];
+      MeshFigure figure;
+      figure.mesh = {dense<Matrix>(from.at("positions")), dense<IndexMatrix>(from.at("cells"))};
+      const std::vector<double> values = numbers(from.at("values"));
+      figure.cell_values = Eigen::Map<const Vector>(values.data(), static_cast<Eigen::Index>(values.size()));
+      figure.fixed_vertices = from.at("fixed").get<std::vector<Index>>();
+      figure.moved_vertices = from.at("moved").get<std::vector<Index>>();
+      figure.soft_vertices = from.at("soft").get<std::vector<Index>>();
+      figure.flipped_cells = from.at("flipped").get<std::vector<Index>>();
+      result.figure = std::move(figure);
+    }
+    for (const Json& curve : json.at("history")) {
+      result.history.push_back({curve.at("label").get<std::string>(), numbers(curve.at("x")), numbers(curve.at("y"))});
+    }
+    result.probes = dense<Matrix>(json.at("probes"));
+    result.probe_scale = json.at("probe_scale").get<double>();
+    result.warnings = json.at("warnings").get<std::vector<std::string>>();
+    return result;
+  } catch (const Json::exception&) {
+    return std::nullopt;  // half a file of a run that died, or of another version: the point is run again
+  }
+}
+
+}  // namespace variform

@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/experiment/claim.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <optional>
+
+#include "framework/base/error.h"
+
+namespace variform {
+namespace {
+
+constexpr std::array<const char*, 6> kRelations = {"==", "!=", "<=", ">=", "<", ">"};
+constexpr std::array<const char*, 4> kMonotone = {"nonincreasing", "nondecreasing", "increasing", "decreasing"};
+
+std::string trimmed(const std::string& text) {
+  const std::size_t first = text.find_first_not_of(" \t\n");
+  const std::size_t last = text.find_last_not_of(" \t\n");
+  return first == std::string::npos ? std::string() : text.substr(first, last - first + 1);
+}
+
+std::optional<double> parsed_number(const std::string& text) {
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+Value parsed_value(const std::string& text, const std::string& context) {
+  if (text.size() >= 2 && (text.front() == '"' || text.front() == '\'') && text.back() == text.front()) {
+    return text.substr(1, text.size() - 2);
+  }
+  if (text == "true") return true;
+  if (text == "false") return false;
+  if (const auto number = parsed_number(text)) return *number;
+  throw UsageError(
+      fmt::format("condition '{}': '{}' is no number, no quoted string, not true or false", context, text));
+}
+
+bool compare(double a, const std::string& relation, double b) {
+  if (relation == "==") return a == b;
+  if (relation == "!=") return a != b;
+  if (relation == "<=") return a <= b;
+  if (relation == ">=") return a >= b;
+  if (relation == "<") return a < b;
+  return a > b;
+}
+
+bool is_monotone(const std::string& is) { return std::find(kMonotone.begin(), kMonotone.end(), is) != kMonotone.end(); }
+
+// "<= 0.5" -> ("<=", 0.5).
+std::pair<std::string, double> parsed_relation(const std::string& is) {
+  for (const std::string relation : kRelations) {
+    if (is.rfind(relation, 0) != 0) continue;
+    if (const auto number = parsed_number(trimmed(is.substr(relation.size())))) return {relation, *number};
+  }
+  throw UsageError(fmt::format("'is' = \"{}\": expected a comparison with a number ({}), or one of {}", is,
+                               fmt::join(kRelations, " "), fmt::join(kMonotone, ", ")));
+}
+
+// The swept keys of a row but those named, as one text: rows with the same text belong together.
+std::string group_of(const Row& row, const std::vector<std::string>& swept, const std::vector<std::string>& but) {
+  std::string group;
+  for (const std::string& key : swept) {
+    if (std::find(but.begin(), but.end(), key) != but.end()) continue;
+    const Value* value = row.find(key);
+    group += key + "=" + (value == nullptr ? "" : to_text(*value)) + ";";
+  }
+  return group;
+}
+
+std::vector<std::string> keys_in(const std::string& condition, const std::vector<std::string>& swept) {
+  std::vector<std::string> keys;
+  for (const std::string& key : swept) {
+    if (condition.find(key) != std::string::npos) keys.push_back(key);
+  }
+  return keys;
+}
+
+std::string range_text(const std::vector<double>& values) {
+  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  const std::string rows = values.size() == 1 ? "1 row" : fmt::format("{} rows", values.size());
+  return *low == *high ? fmt::format("{:.4g} ({})", *low, rows)
+                       : fmt::format("{:.4g} to {:.4g} ({})", *low, *high, rows);
+}
+
+}  // namespace
+
+Condition::Condition(const std::string& text) : text_(trimmed(text)) {
+  std::string rest = text_;
+  while (!rest.empty()) {
+    const std::size_t joint = rest.find(" and ");
+    const std::string part = trimmed(rest.substr(0, joint));
+    rest = joint == std::string::npos ? "" : rest.substr(joint + 5);
+    Comparison comparison;
+    const std::size_t at = part.find_first_of("=!<>");
+    if (at != std::string::npos) {
+      for (const std::string relation : kRelations) {
+        if (part.compare(at, relation.size(), relation) == 0) {
+          comparison.relation = relation;
+          break;
+        }
+      }
+    }
+    if (comparison.relation.empty()) {
+      throw UsageError(fmt::format("condition '{}': '{}' is no comparison; expected KEY {} VALUE", text_, part,
+                                   fmt::join(kRelations, "|")));
+    }
+    comparison.key = trimmed(part.substr(0, at));
+    comparison.value = parsed_value(trimmed(part.substr(at + comparison.relation.size())), text_);
+    if (comparison.key.empty()) throw UsageError(fmt::format("condition '{}': a key is missing in '{}'", text_, part));
+    comparisons_.push_back(comparison);
+  }
+}
+
+bool Condition::holds(const Row& row) const {
+  for (const Comparison& comparison : comparisons_) {
+    const Value* value = row.find(comparison.key);
+    if (value == nullptr) throw UsageError(fmt::format("condition '{}': rows have no key '{}'", text_, comparison.key));
+    bool met = false;
+    if (std::holds_alternative<std::string>(comparison.value) || std::holds_alternative<bool>(comparison.value)) {
+      const bool equal = to_text(*value) == to_text(comparison.value);
+      if (comparison.relation != "==" && comparison.relation != "!=") {
+        throw UsageError(fmt::format("condition '{}': texts and flags can only be compared by == and !=", text_));
+      }
+      met = (comparison.relation == "==") == equal;
+    } else {
+      met = compare(to_number(*value), comparison.relation, std::get<double>(comparison.value));
+    }
+    if (!met) return false;
+  }
+  return true;
+}
+
+Claim read_claim(const ConfigNode& node) {
+  node.accept_keys(
+      {"text", "published", "where", "metric", "is", "quantifier", "relative_to", "minus", "along", "tolerance"});
+  Claim claim;
+  claim.text = node.at("text").string();
+  claim.published = node.string_or("published", "");
+  claim.metric = node.at("metric").string();
+  claim.is = trimmed(node.at("is").string());
+  claim.relative_to = node.string_or("relative_to", "");
+  claim.minus = node.string_or("minus", "");
+  claim.along = node.string_or("along", "");
+  claim.tolerance = node.number_or("tolerance", 1e-9);
+  const std::string quantifier = node.string_or("quantifier", "all");
+  if (quantifier != "all" && quantifier != "any") node.at("quantifier").fail("expected \"all\" or \"any\"");
+  claim.any = quantifier == "any";
+  if (node.has("where")) claim.where = node.at("where").located([&] { return Condition(node.at("where").string()); });
+  for (const char* key : {"relative_to", "minus"}) {
+    if (node.has(key)) node.at(key).located([&] { return Condition(node.at(key).string()); });
+  }
+  if (is_monotone(claim.is)) {
+    if (claim.along.empty())
+      node.fail(fmt::format("'is' = \"{}\" needs 'along', the key that orders the rows", claim.is));
+  } else {
+    node.at("is").located([&] { return parsed_relation(claim.is); });
+  }
+  return claim;
+}
+
+Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vector<std::string>& swept) {
+  Verdict verdict;
+  verdict.text = claim.text;
+  verdict.published = claim.published;
+  verdict.condition = claim.metric + " " + claim.is;
+  if (!claim.along.empty()) verdict.condition += " along " + claim.along;
+  if (!claim.relative_to.empty()) verdict.condition += ", relative to " + claim.relative_to;
+  if (!claim.minus.empty()) verdict.condition += ", minus " + claim.minus;
+  if (!claim.where.text().empty()) verdict.condition += ", where " + claim.where.text();
+  if (claim.any) verdict.condition += ", for any row";
+  try {
+    const std::string& reference_text = claim.relative_to.empty() ? claim.minus : claim.relative_to;
+    std::map<std::string, double> references;
+    const std::vector<std::string> reference_keys = keys_in(reference_text, swept);
+    if (!reference_text.empty()) {
+      const Condition reference(reference_text);
+      for (const Row& row : rows) {
+        const Value* value = row.find(claim.metric);
+        if (reference.holds(row) && value != nullptr)
+          references[group_of(row, swept, reference_keys)] = to_number(*value);
+      }
+    }
+    struct Point {
+      std::string group;
+      double along;
+      double value;
+    };
+    std::vector<Point> points;
+    for (const Row& row : rows) {
+      if (!claim.where.holds(row)) continue;
+      const Value* value = row.find(claim.metric);
+      double number = value == nullptr ? std::nan("") : to_number(*value);
+      if (!reference_text.empty()) {
+        const auto found = references.find(group_of(row, swept, reference_keys));
+        if (found == references.end())
+          number = std::nan("");
+        else
+          number = claim.relative_to.empty() ? number - found->second : number / found->second;
+      }
+      if (!std::isfinite(number)) {
+        verdict.reason = fmt::format("'{}' is not a number in a row that counts", claim.metric);
+        return verdict;
+      }
+      const Value* along = claim.along.empty() ? nullptr : row.find(claim.along);
+      points.push_back({group_of(row, swept, {claim.along}), along == nullptr ? 0.0 : to_number(*along), number});
+    }
+    if (points.empty()) {
+      verdict.reason = "no row matches";
+      return verdict;
+    }
+    std::vector<double> values;
+    for (const Point& point : points) values.push_back(point.value);
+    verdict.ours = range_text(values);
+    bool holds = !claim.any;
+    if (is_monotone(claim.is)) {
+      std::stable_sort(points.begin(), points.end(), [](const Point& a, const Point& b) {
+        return a.group != b.group ? a.group < b.group : a.along < b.along;
+      });
+      int steps = 0;
+      for (std::size_t i = 1; i < points.size(); ++i) {
+        if (points[i].group != points[i - 1].group) continue;
+        ++steps;
+        const double slack = claim.tolerance * std::max(std::abs(points[i].value), std::abs(points[i - 1].value));
+        const double change = points[i].value - points[i - 1].value;
+        bool step = false;
+        if (claim.is == "nonincreasing")
+          step = change <= slack;
+        else if (claim.is == "nondecreasing")
+          step = change >= -slack;
+        else if (claim.is == "increasing")
+          step = change > slack;
+        else
+          step = change < -slack;
+        if (!step) {
+          holds = false;
+          verdict.reason = fmt::format("{:.6g} is followed by {:.6g} at {} = {:.4g} [{}]", points[i - 1].value,
+                                       points[i].value, claim.along, points[i].along, points[i].group);
+        }
+      }
+      if (steps == 0) {
+        verdict.reason = fmt::format("fewer than two rows along '{}'", claim.along);
+        return verdict;
+      }
+    } else {
+      const auto [relation, bound] = parsed_relation(claim.is);
+      for (const double value : values) {
+        const bool met = compare(value, relation, bound);
+        if (met && claim.any) holds = true;
+        if (!met && !claim.any) {
+          holds = false;
+          verdict.reason = fmt::format("{:.6g} {} {:.6g} does not hold", value, relation, bound);
+        }
+      }
+      if (claim.any && !holds) verdict.reason = "holds for no row";
+    }
+    verdict.outcome = holds ? Verdict::Outcome::holds : Verdict::Outcome::fails;
+    if (holds) verdict.reason.clear();
+  } catch (const UsageError& error) {
+    verdict.outcome = Verdict::Outcome::undecided;
+    verdict.reason = error.what();
+  }
+  return verdict;
+}
+
+}  // namespace variform

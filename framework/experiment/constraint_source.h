@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "framework/experiment/config.h"
+#include "framework/form/constraints.h"
+
+namespace variform {
+
+/// Constraints as the [[constraint]] tables describe them:
+///
+///   [[constraint]]
+///   kind = "hard"                      # hard, soft, identify, linear
+///   vertices = [0, 1, 2]               # by index, or
+///   select = { box = [x0, y0, x1, y1] }  # also: near = [x, y] (one vertex), points = [[x, y], ...] (the nearest of
+///                                      # each), circle = [x, y, radius], boundary = true
+///   relative = false                   # coordinates of select and move in units of the bounding box: see below
+///   positions = [[x, y], ...]          # one per vertex, or
+///   move = [dx, dy]                    # relative to rest, or
+///   move = { translate = [dx, dy], rotate = degrees, about = [x, y], scale = 1.0 }
+///   weight = 0.0                       # soft only; 0: the default weight
+///   weights = [w0, w1, ...]            # linear only, with value = [x, y]
+///
+/// Without positions and move the vertices stay at rest. With relative = true a point (a, b) means the lower left
+/// corner of the bounding box plus (a width, b height), and lengths and translations are in units of its longest side.
+struct LoadedConstraints {
+  Constraints constraints;
+  std::vector<Index> fixed;  ///< hard, at rest
+  std::vector<Index> moved;  ///< hard, elsewhere
+  std::vector<Index> soft;
+};
+
+/// node: the array of constraint tables. Throws UsageError with the place for tables that make no sense, DataError with
+/// the place for constraints that do not fit the mesh.
+LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const Domain& domain);
+
+}  // namespace variform

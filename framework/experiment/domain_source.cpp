@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/experiment/domain_source.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "framework/base/error.h"
+#include "framework/domain/check.h"
+#include "framework/domain/generators.h"
+#include "framework/domain/mesh_io.h"
+#include "framework/experiment/pipeline.h"
+
+namespace variform {
+namespace {
+
+const std::vector<std::string> kTessellations = {"regular", "alternating", "random", "graded"};
+
+Parameter positive(const std::string& name, double value, const std::string& doc) {
+  return {.name = name, .value = value, .doc = doc, .min = 0.0};
+}
+
+Parameter edge_length(double value) { return positive("h", value, "edge length of the cells"); }
+
+std::vector<Parameter> rectangle_parameters(double width, double height) {
+  return {positive("width", width, "extent in x"),
+          positive("height", height, "extent in y"),
+          edge_length(1.0 / 32),
+          {.name = "tessellation",
+           .value = std::string("random"),
+           .doc = "how quads are cut into triangles",
+           .choices = kTessellations},
+          {.name = "jitter",
+           .value = 0.0,
+           .doc = "interior vertices move by up to this fraction of a grid cell",
+           .min = 0.0,
+           .max = 0.45},
+          {.name = "grading",
+           .value = 1.16,
+           .doc = "ratio of neighbouring columns and rows, for tessellation = \"graded\"",
+           .min = 1.0},
+          {.name = "seed", .value = std::int64_t{1}, .doc = "of the random numbers", .min = 0.0}};
+}
+
+Mesh make_rectangle(const Parameters& p) {
+  const auto at = std::find(kTessellations.begin(), kTessellations.end(), p.string("tessellation"));
+  return rectangle_mesh({.width = p.number("width"),
+                         .height = p.number("height"),
+                         .h = p.number("h"),
+                         .tessellation = static_cast<Tessellation>(at - kTessellations.begin()),
+                         .jitter = p.number("jitter"),
+                         .grading = p.number("grading"),
+                         .seed = static_cast<std::uint64_t>(p.integer("seed"))});
+}
+
+std::vector<Parameter> bar_parameters() {
+  return {positive("length", 4.0, "extent in x"), positive("width", 1.0, "extent in y"),
+          positive("height", 1.0, "extent in z"), edge_length(0.125)};
+}
+
+std::vector<GeneratorEntry> make_generators() {
+  std::vector<GeneratorEntry> entries = {
+      {"square", "[0,width] x [0,height], by default the unit square", rectangle_parameters(1.0, 1.0), make_rectangle},
+      {"strip", "the same with other defaults: a bar of 4 x 1", rectangle_parameters(4.0, 1.0), make_rectangle},
+      {"disk",
+       "disk about the origin",
+       {positive("radius", 1.0, "of the disk"), edge_length(1.0 / 16)},
+       [](const Parameters& p) { return disk_mesh(p.number("radius"), p.number("h")); }},
+      {"annulus",
+       "ring about the origin",
+       {positive("inner_radius", 0.5, "of the hole"), positive("outer_radius", 1.0, "of the ring"),
+        edge_length(1.0 / 16)},
+       [](const Parameters& p) {
+         return annulus_mesh(p.number("inner_radius"), p.number("outer_radius"), p.number("h"));
+       }},
+      {"bar_surface", "surface of a box", bar_parameters(),
+       [](const Parameters& p) {
+         return bar_surface_mesh(p.number("length"), p.number("width"), p.number("height"), p.number("h"));
+       }},
+      {"bar_tet", "box filled with tetrahedra", bar_parameters(), [](const Parameters& p) {
+         return bar_tet_mesh(p.number("length"), p.number("width"), p.number("height"), p.number("h"));
+       }}};
+  for (const std::string& name : silhouette_names()) {
+    entries.push_back({name,
+                       fmt::format("planar silhouette of a {} with thin limbs, about 1 unit across", name),
+                       {edge_length(0.015)},
+                       [name](const Parameters& p) { return silhouette_mesh(name, p.number("h")); }});
+  }
+  return entries;
+}
+
+const std::vector<std::string> kCommonKeys = {"generator", "mesh", "triangulate", "repair", "scale", "degrade"};
+
+Mesh generated(const ConfigNode& node) {
+  const ConfigNode name = node.at("generator");
+  const GeneratorEntry& entry =
+      name.located([&]() -> const GeneratorEntry& { return generators().find(name.string()); });
+  const Parameters parameters = node.parameters(entry.parameters, kCommonKeys);
+  return node.located([&] { return entry.make(parameters); });
+}
+
+Mesh read_and_repaired(const ConfigNode& node, const std::filesystem::path& folder,
+                       std::vector<std::string>& warnings) {
+  node.accept_keys(kCommonKeys);
+  const std::filesystem::path file = find_input(node.at("mesh").string(), folder);
+  MeshFile read = read_mesh(file, {.triangulate_polygons = node.boolean_or("triangulate", false)});
+  for (const std::string& warning : read.warnings) warnings.push_back(file.filename().string() + ": " + warning);
+  RepairOptions repairs{true, false, false, true};
+  if (node.has("repair")) {
+    repairs = {false, false, false, false};
+    for (const ConfigNode& kind : node.at("repair").elements()) {
+      const std::string name = kind.string();
+      if (name == "orientation")
+        repairs.orientation = true;
+      else if (name == "unreferenced_vertices")
+        repairs.unreferenced_vertices = true;
+      else if (name == "degenerate_cells")
+        repairs.degenerate_cells = true;
+      else if (name == "duplicate_cells")
+        repairs.duplicate_cells = true;
+      else
+        kind.fail("expected orientation, unreferenced_vertices, degenerate_cells or duplicate_cells");
+    }
+  }
+  try {
+    MeshRepair repaired = repair_mesh(read.mesh, repairs);
+    for (const std::string& warning : repaired.warnings) warnings.push_back(file.filename().string() + ": " + warning);
+    return repaired.mesh;
+  } catch (const DataError& error) {
+    throw DataError(fmt::format("{}: {}", file.string(), error.what()));
+  }
+}
+
+}  // namespace
+
+const Registry<GeneratorEntry>& generators() {
+  static const Registry<GeneratorEntry> registry("generator", make_generators());
+  return registry;
+}
+
+LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& config_folder) {
+  if (node.has("generator") == node.has("mesh")) node.fail("expected either 'generator' or 'mesh'");
+  std::vector<std::string> warnings;
+  Mesh mesh = node.has("generator") ? generated(node) : read_and_repaired(node, config_folder, warnings);
+  if (node.has("scale")) {
+    const double scale = node.at("scale").number();
+    if (!(scale > 0.0)) node.at("scale").fail("expected a positive number");
+    mesh.positions *= scale;
+  }
+  const std::string where = node.has("mesh") ? node.at("mesh").string() + ": " : "";
+  const auto checked = [&](const Mesh& m) {
+    try {
+      return Domain(m);
+    } catch (const DataError& error) {
+      throw DataError(where + error.what());
+    }
+  };
+  Domain domain = checked(mesh);
+  if (node.has("degrade")) {
+    const ConfigNode degrade = node.at("degrade");
+    const Parameters p =
+        degrade.parameters({{.name = "jitter", .value = 0.0, .doc = "", .min = 0.0, .max = 1.0},
+                            {.name = "flip_fraction", .value = 0.0, .doc = "", .min = 0.0, .max = 1.0},
+                            {.name = "refinements", .value = std::int64_t{0}, .doc = "", .min = 0.0, .max = 20.0},
+                            {.name = "seed", .value = std::int64_t{1}, .doc = "", .min = 0.0}});
+    if (domain.kind() != DomainKind::planar) degrade.fail("only planar meshes can be degraded");
+    domain = checked(
+        degrade_mesh({domain.positions(), domain.cells()}, {.jitter = p.number("jitter"),
+                                                            .flip_fraction = p.number("flip_fraction"),
+                                                            .refinements = static_cast<int>(p.integer("refinements")),
+                                                            .seed = static_cast<std::uint64_t>(p.integer("seed"))}));
+  }
+  return {std::move(domain), std::move(warnings)};
+}
+
+}  // namespace variform

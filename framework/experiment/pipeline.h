@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "framework/base/registry.h"
+#include "framework/domain/mesh_io.h"
+#include "framework/experiment/config.h"
+#include "framework/experiment/figure.h"
+#include "framework/experiment/table.h"
+
+namespace variform {
+
+/// What a pipeline makes of one point of a study: a config without sweep, every value in its place.
+struct PointResult {
+  Row metrics;                            ///< flat; the runner puts the swept keys in front
+  Mesh mesh = {};                         ///< result with the vertex order of the input; no cells: none
+  std::vector<MeshField> fields = {};     ///< for the VTU beside the OBJ
+  std::optional<MeshFigure> figure = {};  ///< the result as a picture, title and scale left to the runner
+  std::vector<Curve> history = {};        ///< convergence: value against iteration, by name of the value
+  Matrix probes = {};                     ///< images of the probe points (NaN where a point is outside), for [compare]
+  double probe_scale = 1.0;               ///< length that differences of probes are divided by
+  std::vector<std::string> warnings = {};
+};
+
+/// A metric or phase time that a pipeline puts into its rows: what `variform list` prints and tables show.
+struct Metric {
+  Column column;
+  std::string doc;
+};
+
+/// Parameters that a pipeline reads from one config section, for `variform list`.
+struct Section {
+  std::string name = {};
+  std::vector<Parameter> parameters = {};
+};
+
+/// Code for one kind of study.
+struct PipelineEntry {
+  std::string name = {};
+  std::string doc = {};
+  /// Top-level config sections the pipeline reads, beside those of the runner.
+  std::vector<std::string> sections = {};
+  std::vector<Section> parameters = {};  ///< of those sections whose parameters do not depend on a name chosen there
+  std::vector<Metric> metrics = {};
+  /// Runs one point. mesh files are looked up through find_input. Throws Error.
+  std::function<PointResult(const Config&)> run = {};
+};
+
+/// Resolves a file named in a config: absolute, relative to the config's folder, or in one of the folders of the
+/// environment variable VARIFORM_DATA (separated by ':'). Throws DataError listing the places looked at.
+std::filesystem::path find_input(const std::string& name, const std::filesystem::path& config_folder);
+
+}  // namespace variform

@@ -1,0 +1,511 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/experiment/runner.h"
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <sys/utsname.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <sstream>
+#include <thread>
+
+#include "framework/base/error.h"
+#include "framework/base/stopwatch.h"
+#include "framework/experiment/checkpoint.h"
+#include "framework/experiment/claim.h"
+#include "framework/experiment/figure.h"
+
+namespace variform {
+namespace {
+
+namespace fs = std::filesystem;
+
+const std::vector<std::string> kRunnerKeys = {"title",  "source",  "pipeline", "requires", "sweep",
+                                              "bisect", "compare", "claim",    "plot",     "output"};
+
+struct SweptKey {
+  std::string key;
+  std::vector<ConfigValue> values;
+};
+
+struct Bisection {
+  std::string key;
+  double low = 0.0;
+  double high = 1.0;
+  double tolerance = 1e-3;
+  Condition until;
+};
+
+struct PlotRequest {
+  std::string name, title, x, y;
+  std::vector<std::string> series;
+  Condition where;
+  bool log_x = false;
+  bool log_y = false;
+};
+
+// The runner's share of a config, checked.
+struct Plan {
+  const PipelineEntry* pipeline = nullptr;
+  std::string title, source;
+  std::vector<SweptKey> sweep;
+  std::optional<Bisection> bisection;
+  std::string reference;  // [compare]
+  std::vector<Claim> claims;
+  std::vector<PlotRequest> plots;
+  std::vector<std::string> figures;
+  std::vector<std::string> columns;
+  std::vector<std::pair<std::string, std::string>> rates;
+  int max_panels = 24;
+  int panel_columns = 0;
+  bool logarithmic = true;
+
+  std::vector<std::string> swept_keys() const {
+    std::vector<std::string> keys;
+    for (const SweptKey& swept : sweep) keys.push_back(swept.key);
+    return keys;
+  }
+  int point_count() const {
+    int count = 1;
+    for (const SweptKey& swept : sweep) count *= static_cast<int>(swept.values.size());
+    return count;
+  }
+};
+
+void read_sweep(const ConfigNode& node, const std::string& prefix, std::vector<SweptKey>& sweep) {
+  for (const ConfigNode& child : node.children()) {
+    // The last part of the path as it stands: keys such as "energy.type" may be quoted or nested tables.
+    const std::string name = child.path().substr(node.path().size() + 1);
+    const std::string key = prefix.empty() ? name : prefix + "." + name;
+    if (child.value().is_table()) {
+      read_sweep(child, key, sweep);
+      continue;
+    }
+    SweptKey swept{key, {}};
+    for (const ConfigNode& element : child.elements()) swept.values.push_back(element.value());
+    if (swept.values.empty()) child.fail("expected at least one value");
+    if (swept.values.size() > 100000) child.fail("more than 100000 values");
+    sweep.push_back(swept);
+  }
+}
+
+Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
+  const ConfigNode root = config.root();
+  Plan plan;
+  const ConfigNode pipeline = root.at("pipeline");
+  plan.pipeline = &pipeline.located([&]() -> const PipelineEntry& { return pipelines.find(pipeline.string()); });
+  std::vector<std::string> accepted = kRunnerKeys;
+  accepted.insert(accepted.end(), plan.pipeline->sections.begin(), plan.pipeline->sections.end());
+  root.accept_keys(accepted);
+  plan.title = root.string_or("title", fs::path(config.file()).stem().string());
+  plan.source = root.string_or("source", "");
+  if (root.has("requires")) root.at("requires").strings();
+  if (root.has("sweep")) read_sweep(root.at("sweep"), "", plan.sweep);
+  if (root.has("bisect")) {
+    const ConfigNode node = root.at("bisect");
+    node.accept_keys({"key", "low", "high", "tolerance", "until"});
+    Bisection bisection;
+    bisection.key = node.at("key").string();
+    bisection.low = node.at("low").number();
+    bisection.high = node.at("high").number();
+    bisection.tolerance = node.number_or("tolerance", 1e-3);
+    bisection.until = node.at("until").located([&] { return Condition(node.at("until").string()); });
+    if (!(bisection.low < bisection.high)) node.fail("expected low < high");
+    if (!(bisection.tolerance > 0.0)) node.at("tolerance").fail("expected a positive number");
+    plan.bisection = bisection;
+  }
+  if (root.has("compare")) {
+    const ConfigNode node = root.at("compare");
+    node.accept_keys({"reference"});
+    plan.reference = node.at("reference").string();
+    node.at("reference").located([&] { return Condition(plan.reference); });
+  }
+  if (root.has("claim")) {
+    for (const ConfigNode& node : root.at("claim").elements()) plan.claims.push_back(read_claim(node));
+  }
+  if (root.has("plot")) {
+    for (const ConfigNode& node : root.at("plot").elements()) {
+      node.accept_keys({"name", "title", "x", "y", "series", "where", "log_x", "log_y"});
+      PlotRequest plot;
+      plot.x = node.at("x").string();
+      plot.y = node.at("y").string();
+      plot.name = node.string_or("name", fmt::format("plot-{}", plan.plots.size() + 1));
+      plot.title = node.string_or("title", plot.y + " against " + plot.x);
+      if (node.has("series")) {
+        for (const ConfigNode& key : node.at("series").elements(true)) plot.series.push_back(key.string());
+      }
+      if (node.has("where"))
+        plot.where = node.at("where").located([&] { return Condition(node.at("where").string()); });
+      plot.log_x = node.boolean_or("log_x", false);
+      plot.log_y = node.boolean_or("log_y", false);
+      if (plot.name.find_first_of("/\\") != std::string::npos) node.at("name").fail("expected a file name");
+      plan.plots.push_back(plot);
+    }
+  }
+  plan.figures = {"deformed"};
+  if (root.has("output")) {
+    const ConfigNode node = root.at("output");
+    node.accept_keys({"columns", "figures", "rates", "max_panels", "panel_columns", "colour"});
+    if (node.has("columns")) plan.columns = node.at("columns").strings();
+    if (node.has("figures")) {
+      plan.figures = node.at("figures").strings();
+      for (const ConfigNode& figure : node.at("figures").elements()) {
+        if (figure.string() != "deformed" && figure.string() != "history")
+          figure.fail("expected \"deformed\" or \"history\"");
+      }
+    }
+    if (node.has("rates")) {
+      for (const ConfigNode& rate : node.at("rates").children()) plan.rates.emplace_back(rate.name(), rate.string());
+    }
+    if (node.has("max_panels")) plan.max_panels = static_cast<int>(node.at("max_panels").integer());
+    if (node.has("panel_columns")) plan.panel_columns = static_cast<int>(node.at("panel_columns").integer());
+    const std::string colour = node.string_or("colour", "logarithmic");
+    if (colour != "logarithmic" && colour != "linear") node.at("colour").fail("expected \"logarithmic\" or \"linear\"");
+    plan.logarithmic = colour == "logarithmic";
+  }
+  return plan;
+}
+
+Value as_value(const ConfigValue& value) {
+  if (const auto* flag = std::get_if<bool>(&value.data)) return *flag;
+  if (const auto* integer = std::get_if<std::int64_t>(&value.data)) return *integer;
+  if (const auto* number = std::get_if<double>(&value.data)) return *number;
+  if (const auto* text = std::get_if<std::string>(&value.data)) return *text;
+  return value.text();
+}
+
+// A point's config: the swept values in their places, the runner's sections gone.
+Config point_config(const Config& config, const Plan& plan, int point, Row& swept_values) {
+  Config result = config;
+  int rest = point;
+  int block = plan.point_count();
+  for (const SweptKey& swept : plan.sweep) {
+    block /= static_cast<int>(swept.values.size());
+    const ConfigValue& value = swept.values[static_cast<std::size_t>(rest / block)];
+    rest %= block;
+    result.set(swept.key, value);
+    swept_values.set(swept.key, as_value(value));
+  }
+  for (const std::string& key : kRunnerKeys) result.erase(key);
+  return result;
+}
+
+PointResult bisect(const PipelineEntry& pipeline, const Config& config, const Bisection& bisection) {
+  int runs = 0;
+  const auto at = [&](double value) {
+    Config point = config;
+    point.set(bisection.key, ConfigValue{value, 0});
+    ++runs;
+    return pipeline.run(point);
+  };
+  double low = bisection.low;
+  double high = bisection.high;
+  PointResult result = at(low);
+  bool found = bisection.until.holds(result.metrics);
+  if (found) {
+    high = low;
+  } else {
+    result = at(high);
+    found = bisection.until.holds(result.metrics);
+    while (found && high - low > bisection.tolerance) {
+      const double middle = 0.5 * (low + high);
+      PointResult trial = at(middle);
+      if (bisection.until.holds(trial.metrics)) {
+        high = middle;
+        result = std::move(trial);
+      } else {
+        low = middle;
+      }
+    }
+  }
+  result.metrics.set("bisect_found", found);
+  result.metrics.set("bracket_low", low);
+  result.metrics.set("bracket_high", high);
+  result.metrics.set("bisect_runs", static_cast<std::int64_t>(runs));
+  if (!found) {
+    result.warnings.push_back(
+        fmt::format("no value of {} up to {} fulfils '{}'", bisection.key, bisection.high, bisection.until.text()));
+  }
+  return result;
+}
+
+std::string panel_title(const Row& swept) {
+  std::vector<std::string> parts;
+  for (const auto& [key, value] : swept.entries()) {
+    const std::string name = key.substr(key.rfind('.') == std::string::npos ? 0 : key.rfind('.') + 1);
+    parts.push_back(std::holds_alternative<std::string>(value) ? to_text(value)
+                                                               : fmt::format("{} = {}", name, to_text(value)));
+  }
+  return fmt::format("{}", fmt::join(parts, ", "));
+}
+
+std::string group_text(const Row& row, const std::vector<std::string>& keys) {
+  Row chosen;
+  for (const std::string& key : keys) {
+    if (const Value* value = row.find(key)) chosen.set(key, *value);
+  }
+  return panel_title(chosen);
+}
+
+// Largest distance of images of probe points between each row and the reference row of its group.
+void compare_probes(const Plan& plan, const std::vector<PointResult>& results, Record& record) {
+  const Condition reference(plan.reference);
+  std::vector<std::string> others;
+  for (const std::string& key : plan.swept_keys()) {
+    if (plan.reference.find(key) == std::string::npos) others.push_back(key);
+  }
+  std::map<std::string, std::size_t> references;
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    if (reference.holds(record.rows[i])) references.emplace(group_text(record.rows[i], others), i);
+  }
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    double largest = std::nan("");
+    std::int64_t common = 0;
+    const auto found = references.find(group_text(record.rows[i], others));
+    if (found != references.end()) {
+      const Matrix& a = results[i].probes;
+      const Matrix& b = results[found->second].probes;
+      for (Eigen::Index k = 0; k < std::min(a.rows(), b.rows()); ++k) {
+        const double distance = (a.row(k) - b.row(k)).norm() / results[i].probe_scale;
+        if (!std::isfinite(distance)) continue;
+        largest = std::isnan(largest) ? distance : std::max(largest, distance);
+        ++common;
+      }
+    }
+    record.rows[i].set("map_difference", largest);
+    record.rows[i].set("probe_points", common);
+  }
+}
+
+LinePlot line_plot(const PlotRequest& request, const std::vector<Row>& rows) {
+  LinePlot plot{request.title, request.x, request.y, request.log_x, request.log_y, {}};
+  for (const Row& row : rows) {
+    if (!request.where.holds(row)) continue;
+    const Value* x = row.find(request.x);
+    const Value* y = row.find(request.y);
+    if (x == nullptr || y == nullptr) continue;
+    const std::string label = group_text(row, request.series);
+    auto curve = std::find_if(plot.curves.begin(), plot.curves.end(), [&](const Curve& c) { return c.label == label; });
+    if (curve == plot.curves.end()) curve = plot.curves.insert(plot.curves.end(), Curve{label, {}, {}});
+    curve->x.push_back(to_number(*x));
+    curve->y.push_back(to_number(*y));
+  }
+  for (Curve& curve : plot.curves) {
+    std::vector<std::pair<double, double>> points;
+    for (std::size_t i = 0; i < curve.x.size(); ++i) points.emplace_back(curve.x[i], curve.y[i]);
+    std::stable_sort(points.begin(), points.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    for (std::size_t i = 0; i < points.size(); ++i) std::tie(curve.x[i], curve.y[i]) = points[i];
+  }
+  return plot;
+}
+
+void add_plot(const LinePlot& plot, const std::string& name, const fs::path& folder, Record& record) {
+  if (const auto missing = draw_plot(plot, folder / "figures" / name))
+    record.warnings.push_back(*missing);
+  else
+    record.figures.push_back({plot.title, "figures/" + name});
+}
+
+void draw_figures(const Plan& plan, const std::vector<PointResult>& results, const fs::path& folder, Record& record) {
+  const auto wanted = [&](const std::string& name) {
+    return std::find(plan.figures.begin(), plan.figures.end(), name) != plan.figures.end();
+  };
+  const std::vector<std::string> swept = plan.swept_keys();
+  if (wanted("deformed")) {
+    std::vector<MeshFigure> panels;
+    std::vector<Vector> values;
+    for (std::size_t i = 0; i < results.size(); ++i) {
+      if (!results[i].figure) continue;
+      if (static_cast<int>(panels.size()) >= plan.max_panels) {
+        record.warnings.push_back(
+            fmt::format("the figure shows the first {} results only (output.max_panels)", plan.max_panels));
+        break;
+      }
+      panels.push_back(*results[i].figure);
+      panels.back().title = group_text(record.rows[i], swept);
+      const auto flipped = panels.back().flipped_cells.size();
+      if (flipped > 0)
+        panels.back().title += fmt::format("{}{} flipped", panels.back().title.empty() ? "" : ", ", flipped);
+      values.push_back(panels.back().cell_values);
+    }
+    if (!panels.empty()) {
+      const ColourScale scale = common_scale(values, plan.logarithmic, "cell energy");
+      for (MeshFigure& panel : panels) panel.scale = scale;
+      draw_meshes(panels, folder / "figures" / "deformed", plan.panel_columns);
+      record.figures.push_back(
+          {"Deformed mesh, cells coloured by their energy |r|². Squares: fixed vertices; discs: moved "
+           "ones; open circles: soft constraints; red outlines: flipped cells.",
+           "figures/deformed"});
+    }
+  }
+  if (wanted("history")) {
+    LinePlot plot{"Convergence", "iteration", "energy", false, true, {}};
+    for (std::size_t i = 0; i < results.size(); ++i) {
+      for (const Curve& curve : results[i].history) {
+        const std::string group = group_text(record.rows[i], swept);
+        plot.curves.push_back({group.empty() ? curve.label : curve.label + ", " + group, curve.x, curve.y});
+      }
+    }
+    if (!plot.curves.empty()) add_plot(plot, "history", folder, record);
+  }
+  for (const PlotRequest& request : plan.plots) {
+    const LinePlot plot = line_plot(request, record.rows);
+    if (plot.curves.empty())
+      record.warnings.push_back(
+          fmt::format("plot '{}': no row has both '{}' and '{}'", request.name, request.x, request.y));
+    else
+      add_plot(plot, request.name, folder, record);
+  }
+}
+
+std::string cpu_model() {
+  std::ifstream info("/proc/cpuinfo");
+  std::string line;
+  while (std::getline(info, line)) {
+    if (line.rfind("model name", 0) == 0 && line.find(':') != std::string::npos) return line.substr(line.find(':') + 2);
+  }
+  return "unknown";
+}
+
+void add_provenance(const Config& config, double seconds, Record& record) {
+  utsname system{};
+  uname(&system);
+  record.provenance.emplace_back("config file", config.file());
+  record.provenance.emplace_back("date (UTC)", fmt::format("{:%Y-%m-%d %H:%M:%S}", fmt::gmtime(std::time(nullptr))));
+  record.provenance.emplace_back(
+      "machine", fmt::format("{}, {} threads, {} {}", cpu_model(), std::thread::hardware_concurrency(), system.sysname,
+                             system.machine));
+  record.provenance.emplace_back("compiler", fmt::format("{} {}", __VERSION__,
+#ifdef NDEBUG
+                                                         "(optimized)"
+#else
+                                                         "(assertions on)"
+#endif
+                                                         ));
+  record.provenance.emplace_back(
+      "Eigen", fmt::format("{}.{}.{}", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION));
+  record.provenance.emplace_back("wall time", fmt::format("{:.2f} s", seconds));
+}
+
+}  // namespace
+
+fs::path find_input(const std::string& name, const fs::path& config_folder) {
+  const fs::path path(name);
+  std::vector<fs::path> places;
+  if (path.is_absolute()) {
+    places.push_back(path);
+  } else {
+    places.push_back(config_folder / path);
+    if (const char* data = std::getenv("VARIFORM_DATA")) {
+      std::stringstream folders(data);
+      std::string folder;
+      while (std::getline(folders, folder, ':')) {
+        if (!folder.empty()) places.push_back(fs::path(folder) / path);
+      }
+    }
+  }
+  std::vector<std::string> tried;
+  for (const fs::path& place : places) {
+    if (fs::exists(place)) return place;
+    tried.push_back(place.lexically_normal().string());
+  }
+  throw DataError(fmt::format("'{}' is not there; looked at {} (further folders: environment variable VARIFORM_DATA)",
+                              name, fmt::join(tried, ", ")));
+}
+
+int check_experiment(const Config& config, const Registry<PipelineEntry>& pipelines) {
+  return read_plan(config, pipelines).point_count();
+}
+
+Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipelines, const RunOptions& options) {
+  const Stopwatch watch;
+  const Plan plan = read_plan(config, pipelines);
+  Record record;
+  record.title = plan.title;
+  record.source = plan.source;
+  record.pipeline = plan.pipeline->name;
+  record.config = config.text();
+  record.swept = plan.swept_keys();
+  record.provenance = options.provenance;
+  for (const Metric& metric : plan.pipeline->metrics) record.columns.push_back(metric.column);
+
+  std::error_code failed;
+  for (const char* sub : {"meshes", "figures", "points"}) {
+    fs::create_directories(options.folder / sub, failed);
+    if (failed)
+      throw DataError(fmt::format("{}: cannot be created: {}", (options.folder / sub).string(), failed.message()));
+  }
+
+  const int total = plan.point_count();
+  std::vector<PointResult> results;
+  for (int point = 0; point < total; ++point) {
+    if (options.progress && !options.progress(point, total)) {
+      record.warnings.push_back(
+          fmt::format("interrupted after {} of {} points; --resume goes on from there", point, total));
+      break;
+    }
+    Row row;
+    const Config at = point_config(config, plan, point, row);
+    const std::string key = at.text() + (plan.bisection ? config.root().at("bisect").value().text() : "");
+    const std::string name = fmt::format("point-{:04}", point);
+    const fs::path checkpoint = options.folder / "points" / (name + ".json");
+    const std::string mesh = "meshes/" + name + ".obj";
+    std::optional<PointResult> result;
+    if (options.resume && fs::exists(options.folder / mesh)) result = load_point(checkpoint, key);
+    if (!result) {
+      result = plan.bisection ? bisect(*plan.pipeline, at, *plan.bisection) : plan.pipeline->run(at);
+      if (result->mesh.cell_count() > 0) {
+        write_mesh(options.folder / mesh, result->mesh);
+        write_mesh(options.folder / "meshes" / (name + ".vtu"), result->mesh, result->fields);
+      }
+      save_point(checkpoint, key, *result);
+    }
+    for (const auto& [metric, value] : result->metrics.entries()) row.set(metric, value);
+    if (fs::exists(options.folder / mesh)) row.set("mesh", mesh);
+    for (const std::string& warning : result->warnings) {
+      const std::string where = group_text(row, plan.swept_keys());
+      record.warnings.push_back(where.empty() ? warning : where + ": " + warning);
+    }
+    record.rows.push_back(row);
+    // Meshes and fields are on disk: only what figures need is kept.
+    result->mesh = {};
+    result->fields.clear();
+    results.push_back(std::move(*result));
+  }
+  if (options.progress) options.progress(static_cast<int>(results.size()), static_cast<int>(results.size()));
+
+  if (!plan.reference.empty()) compare_probes(plan, results, record);
+  const bool complete = static_cast<int>(results.size()) == total;
+  for (const Claim& claim : plan.claims) {
+    Verdict verdict = decide(claim, record.rows, plan.swept_keys());
+    if (!complete) {
+      verdict.outcome = Verdict::Outcome::undecided;
+      verdict.reason = "the run was interrupted";
+    }
+    record.verdicts.push_back(verdict);
+  }
+  for (const auto& [metric, size] : plan.rates) {
+    Table table{fmt::format("Convergence of {} with {}", metric, size), {}, record.rows};
+    for (const std::string& key : plan.swept_keys()) table.columns.push_back({key});
+    if (std::none_of(table.columns.begin(), table.columns.end(), [&](const Column& c) { return c.key == size; })) {
+      table.columns.push_back({size});
+    }
+    table.columns.push_back({metric});
+    add_convergence_rate(table, metric, size);
+    record.tables.push_back(table);
+  }
+  if (options.figures) draw_figures(plan, results, options.folder, record);
+  add_provenance(config, watch.seconds(), record);
+  std::vector<std::string> columns = plan.columns;
+  if (!columns.empty()) columns.insert(columns.begin(), record.swept.begin(), record.swept.end());
+  write_record(record, options.folder, columns);
+  return record;
+}
+
+}  // namespace variform

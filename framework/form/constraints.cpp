@@ -1,0 +1,374 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/form/constraints.h"
+
+#include <Eigen/Dense>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <set>
+
+#include "framework/base/error.h"
+
+namespace variform {
+
+void Constraints::check_vertex(Index vertex) const {
+  if (vertex < 0 || vertex >= vertex_count_) {
+    throw DataError(
+        fmt::format("constraint: vertex {} does not exist; the mesh has vertices 0 to {}", vertex, vertex_count_ - 1));
+  }
+}
+
+void Constraints::check_value(Index vertex, const Eigen::RowVectorXd& value) const {
+  if (value.size() != dimension_) {
+    throw DataError(
+        fmt::format("constraint: vertex {}: expected {} coordinates, got {}", vertex, dimension_, value.size()));
+  }
+  if (!value.allFinite()) throw DataError(fmt::format("constraint: vertex {}: the value is not finite", vertex));
+}
+
+void Constraints::fix(Index vertex, const Eigen::RowVectorXd& value) {
+  check_vertex(vertex);
+  check_value(vertex, value);
+  if (fixed_index_.empty()) fixed_index_.assign(vertex_count_, -1);
+  if (const Index at = fixed_index_[vertex]; at >= 0) {
+    if (fixed_[at].value != value) {
+      throw DataError(fmt::format("constraint: vertex {} is fixed at both ({}) and ({})", vertex,
+                                  fmt::join(fixed_[at].value, ", "), fmt::join(value, ", ")));
+    }
+    return;
+  }
+  fixed_index_[vertex] = static_cast<Index>(fixed_.size());
+  fixed_.push_back({vertex, value});
+}
+
+void Constraints::attract(Index vertex, const Eigen::RowVectorXd& value, double weight) {
+  check_vertex(vertex);
+  check_value(vertex, value);
+  if (!(weight >= 0.0) || !std::isfinite(weight)) {
+    throw DataError(fmt::format("constraint: vertex {}: soft weight {} is not a positive number", vertex, weight));
+  }
+  soft_.push_back({vertex, value, weight});
+}
+
+void Constraints::identify(Index first, Index second) {
+  check_vertex(first);
+  check_vertex(second);
+  identified_.push_back({first, second});
+}
+
+void Constraints::combine(const std::vector<Index>& vertices, const std::vector<double>& weights,
+                          const Eigen::RowVectorXd& value) {
+  if (vertices.empty() || vertices.size() != weights.size()) {
+    throw DataError(fmt::format("constraint: {} vertices with {} weights", vertices.size(), weights.size()));
+  }
+  for (const Index vertex : vertices) check_vertex(vertex);
+  check_value(vertices.front(), value);
+  if (!std::all_of(weights.begin(), weights.end(), [](double w) { return std::isfinite(w); })) {
+    throw DataError(fmt::format("constraint: vertex {}: a weight is not finite", vertices.front()));
+  }
+  equalities_.push_back({vertices, weights, value});
+}
+
+void Constraints::set_fixed_values(const Matrix& values) {
+  if (values.rows() != static_cast<Eigen::Index>(fixed_.size()) || values.cols() != dimension_) {
+    throw DataError(fmt::format("constraint: expected {} x {} values, got {} x {}", fixed_.size(), dimension_,
+                                values.rows(), values.cols()));
+  }
+  for (std::size_t i = 0; i < fixed_.size(); ++i) {
+    check_value(fixed_[i].vertex, values.row(static_cast<Index>(i)));
+    fixed_[i].value = values.row(static_cast<Index>(i));
+  }
+}
+
+namespace {
+
+// Calls visit(unknown, column, value) for each scalar of a vertex value.
+template <class Visit>
+void for_each_scalar(Index vertex, const Eigen::RowVectorXd& value, int unknowns, const Visit& visit) {
+  for (int i = 0; i < value.size(); ++i) {
+    if (unknowns == 1)
+      visit(vertex, i, value[i]);
+    else
+      visit(vertex * unknowns + i, 0, value[i]);
+  }
+}
+
+}  // namespace
+
+Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int unknowns)
+    : unknowns_(unknowns), unknown_count_(static_cast<Index>(H.cols())) {
+  if (unknown_count_ != constraints.vertex_count() * unknowns ||
+      (unknowns != 1 && unknowns != constraints.dimension())) {
+    throw UsageError(fmt::format("constraints on {} vertices in dimension {} do not fit {} unknowns",
+                                 constraints.vertex_count(), constraints.dimension(), unknown_count_));
+  }
+  // Groups of identified vertices; a group with a fixed vertex is fixed.
+  std::vector<Index> group(constraints.vertex_count());
+  std::iota(group.begin(), group.end(), 0);
+  const auto root = [&group](Index v) {
+    while (group[v] != v) v = group[v] = group[group[v]];
+    return v;
+  };
+  for (const auto& pair : constraints.identified()) {
+    const Index a = root(pair.first);
+    const Index b = root(pair.second);
+    group[std::max(a, b)] = std::min(a, b);
+  }
+  std::vector<bool> fixed(constraints.vertex_count(), false);
+  for (const auto& value : constraints.fixed()) fixed[root(value.vertex)] = true;
+
+  target_.setConstant(unknown_count_, -1);
+  for (Index v = 0; v < constraints.vertex_count(); ++v) {
+    const Index r = root(v);
+    if (fixed[r]) continue;
+    for (int i = 0; i < unknowns_; ++i) {
+      target_[v * unknowns_ + i] = r == v ? free_count_++ : target_[r * unknowns_ + i];
+    }
+  }
+  const int copies = unknowns_ == 1 ? 1 : constraints.dimension();
+  multiplier_count_ = static_cast<Index>(constraints.equalities().size()) * copies;
+
+  // Pattern of K.
+  const Index size = free_count_ + multiplier_count_;
+  std::vector<Eigen::Triplet<double, Index>> triplets;
+  triplets.reserve(static_cast<std::size_t>(H.nonZeros()) + size);
+  const auto placed = [&](Index row, Index column) { return std::pair(std::max(row, column), std::min(row, column)); };
+  for (Index j = 0; j < unknown_count_; ++j) {
+    for (SparseMatrix::InnerIterator it(H, j); it; ++it) {
+      if (target_[it.row()] < 0 || target_[j] < 0) continue;
+      const auto [row, column] = placed(target_[it.row()], target_[j]);
+      triplets.emplace_back(row, column, 0.0);
+    }
+  }
+  for (Index y = 0; y < size; ++y) triplets.emplace_back(y, y, 0.0);
+  struct Multiplier {
+    Index row, column;
+    double value;
+  };
+  std::vector<Multiplier> multipliers;
+  for (std::size_t e = 0; e < constraints.equalities().size(); ++e) {
+    const auto& equality = constraints.equalities()[e];
+    bool any = false;
+    for (std::size_t k = 0; k < equality.vertices.size(); ++k) {
+      for (int i = 0; i < copies; ++i) {
+        const Index y = target_[equality.vertices[k] * unknowns_ + (unknowns_ == 1 ? 0 : i)];
+        if (y < 0) continue;
+        any = true;
+        multipliers.push_back({free_count_ + static_cast<Index>(e) * copies + i, y, equality.weights[k]});
+      }
+    }
+    if (!any) {
+      throw DataError(fmt::format("constraint: linear equality {} has only fixed vertices ({})", e,
+                                  fmt::join(equality.vertices, ", ")));
+    }
+  }
+  for (const Multiplier& m : multipliers) triplets.emplace_back(m.row, m.column, 0.0);
+  matrix_.resize(size, size);
+  matrix_.setFromTriplets(triplets.begin(), triplets.end());
+  matrix_.makeCompressed();
+
+  const auto entry = [&](Index row, Index column) {
+    const Index* begin = matrix_.innerIndexPtr() + matrix_.outerIndexPtr()[column];
+    const Index* end = matrix_.innerIndexPtr() + matrix_.outerIndexPtr()[column + 1];
+    return static_cast<Index>(std::lower_bound(begin, end, row) - matrix_.innerIndexPtr());
+  };
+  entry_target_.setConstant(H.nonZeros(), -1);
+  entry_doubled_.assign(H.nonZeros(), false);
+  for (Index j = 0, k = 0; j < unknown_count_; ++j) {
+    for (SparseMatrix::InnerIterator it(H, j); it; ++it, ++k) {
+      if (target_[it.row()] < 0 || target_[j] < 0) continue;
+      const auto [row, column] = placed(target_[it.row()], target_[j]);
+      entry_target_[k] = entry(row, column);
+      entry_doubled_[k] = row == column && it.row() != j;
+    }
+  }
+  diagonal_entry_.resize(size);
+  for (Index y = 0; y < size; ++y) diagonal_entry_[y] = entry(y, y);
+  for (const Multiplier& m : multipliers) multiplier_entries_.emplace_back(entry(m.row, m.column), m.value);
+}
+
+double Reduction::refill(const SparseMatrix& H, const Constraints& constraints) {
+  Eigen::Map<Vector> values(matrix_.valuePtr(), matrix_.nonZeros());
+  values.setZero();
+  const double* h = H.valuePtr();
+  for (Index k = 0; k < entry_target_.size(); ++k) {
+    if (entry_target_[k] >= 0) values[entry_target_[k]] += entry_doubled_[k] ? 2.0 * h[k] : h[k];
+  }
+  double trace = 0.0;
+  for (Index j = 0; j < unknown_count_; ++j) trace += h[H.outerIndexPtr()[j]];  // the diagonal comes first
+  default_weight_ = 1e3 * trace / std::max<Index>(unknown_count_, 1);
+  for (const auto& soft : constraints.soft()) {
+    for_each_scalar(soft.vertex, soft.value, unknowns_, [&](Index unknown, int column, double) {
+      if (target_[unknown] >= 0 && column == 0) values[diagonal_entry_[target_[unknown]]] += soft_weight(soft);
+    });
+  }
+  for (const auto& [at, value] : multiplier_entries_) values[at] += value;
+  return default_weight_;
+}
+
+Eigen::MatrixXd Reduction::right_hand_side(const SparseMatrix& H, const Matrix& g,
+                                           const Constraints& constraints) const {
+  const Eigen::Index columns = g.cols();
+  Matrix full = g;
+  if (!constraints.fixed().empty()) {
+    const Matrix fixed = fixed_part(constraints, columns);
+    // Only columns of fixed unknowns and rows coupled to them contribute: one pass over the lower triangle.
+    for (Index j = 0; j < unknown_count_; ++j) {
+      for (SparseMatrix::InnerIterator it(H, j); it; ++it) {
+        const auto i = static_cast<Index>(it.row());
+        if (target_[j] < 0 && target_[i] >= 0)
+          full.row(i) -= it.value() * fixed.row(j);
+        else if (target_[i] < 0 && target_[j] >= 0)
+          full.row(j) -= it.value() * fixed.row(i);
+      }
+    }
+  }
+  Eigen::MatrixXd rhs = Eigen::MatrixXd::Zero(matrix_.rows(), columns);
+  for (Index i = 0; i < unknown_count_; ++i) {
+    if (target_[i] >= 0) rhs.row(target_[i]) += full.row(i);
+  }
+  for (const auto& soft : constraints.soft()) {
+    for_each_scalar(soft.vertex, soft.value, unknowns_, [&](Index unknown, int column, double value) {
+      if (target_[unknown] >= 0) rhs(target_[unknown], column) += soft_weight(soft) * value;
+    });
+  }
+  const int copies = unknowns_ == 1 ? 1 : constraints.dimension();
+  if (multiplier_count_ > 0) {
+    const Matrix fixed = fixed_part(constraints, columns);
+    for (std::size_t e = 0; e < constraints.equalities().size(); ++e) {
+      const auto& equality = constraints.equalities()[e];
+      for_each_scalar(0, equality.value, unknowns_, [&](Index component, int column, double value) {
+        const Index i = unknowns_ == 1 ? 0 : component;
+        double right = value;
+        for (std::size_t k = 0; k < equality.vertices.size(); ++k) {
+          const Index unknown = equality.vertices[k] * unknowns_ + i;
+          if (target_[unknown] < 0) right -= equality.weights[k] * fixed(unknown, column);
+        }
+        rhs(free_count_ + static_cast<Index>(e) * copies + i, column) = right;
+      });
+    }
+  }
+  return rhs;
+}
+
+Matrix Reduction::fixed_part(const Constraints& constraints, Eigen::Index columns) const {
+  Matrix X = Matrix::Zero(unknown_count_, columns);
+  for (const auto& fixed : constraints.fixed()) {
+    for_each_scalar(fixed.vertex, fixed.value, unknowns_,
+                    [&](Index unknown, int column, double value) { X(unknown, column) = value; });
+  }
+  // Vertices identified with a fixed one take its value.
+  bool changed = !constraints.identified().empty();
+  std::set<Index> known;
+  for (const auto& fixed : constraints.fixed()) known.insert(fixed.vertex);
+  while (changed) {
+    changed = false;
+    for (const auto& pair : constraints.identified()) {
+      for (const auto& [from, to] : {std::pair(pair.first, pair.second), std::pair(pair.second, pair.first)}) {
+        if (known.count(from) == 0 || !known.insert(to).second) continue;
+        X.middleRows(to * unknowns_, unknowns_) = X.middleRows(from * unknowns_, unknowns_);
+        changed = true;
+      }
+    }
+  }
+  return X;
+}
+
+Matrix Reduction::expand(const Eigen::MatrixXd& Y, const Constraints& constraints, Eigen::Index columns) const {
+  Matrix X = fixed_part(constraints, columns);
+  for (Index i = 0; i < unknown_count_; ++i) {
+    if (target_[i] >= 0) X.row(i) = Y.row(target_[i]);
+  }
+  return X;
+}
+
+SparseMatrix Reduction::elimination() const {
+  std::vector<Eigen::Triplet<double, Index>> triplets;
+  for (Index i = 0; i < unknown_count_; ++i) {
+    if (target_[i] >= 0) triplets.emplace_back(i, target_[i], 1.0);
+  }
+  SparseMatrix Z(unknown_count_, free_count_);
+  Z.setFromTriplets(triplets.begin(), triplets.end());
+  return Z;
+}
+
+Index Reduction::soft_row_count(const Constraints& constraints) const {
+  return static_cast<Index>(constraints.soft().size()) * unknowns_;
+}
+
+void Reduction::append_soft_rows(const Constraints& constraints, std::vector<Eigen::Triplet<double, Index>>& triplets,
+                                 Eigen::MatrixXd& right_hand_side, Index first_row) const {
+  Index row = first_row;
+  for (const auto& soft : constraints.soft()) {
+    const double weight = std::sqrt(soft_weight(soft));
+    for_each_scalar(soft.vertex, soft.value, unknowns_, [&](Index unknown, int column, double value) {
+      if (target_[unknown] < 0) return;
+      const Index at = row + (unknowns_ == 1 ? 0 : unknown % unknowns_);
+      if (column == 0) triplets.emplace_back(at, target_[unknown], weight);
+      right_hand_side(at, column) = weight * value;
+    });
+    row += unknowns_;
+  }
+}
+
+void check_constraint_rank(const Domain& domain, const Constraints& constraints, const Eigen::MatrixXd& kernel,
+                           int unknowns) {
+  if (kernel.cols() == 0) return;
+  // Vertices of each component, and the constrained ones among them.
+  std::vector<std::set<Index>> constrained(domain.component_count());
+  std::vector<Index> example(domain.component_count(), -1);
+  std::vector<std::vector<Index>> components_of(domain.vertex_count());
+  for (Index t = 0; t < domain.cell_count(); ++t) {
+    const Index component = domain.cell_components()[t];
+    if (example[component] < 0) example[component] = t;
+    for (int i = 0; i < domain.cell_size(); ++i) {
+      auto& list = components_of[domain.cells()(t, i)];
+      if (std::find(list.begin(), list.end(), component) == list.end()) list.push_back(component);
+    }
+  }
+  const auto mark = [&](Index vertex) {
+    for (const Index component : components_of[vertex]) constrained[component].insert(vertex);
+  };
+  for (const auto& value : constraints.fixed()) mark(value.vertex);
+  for (const auto& value : constraints.soft()) mark(value.vertex);
+  // Identifications and equalities couple components: what they pin cannot be told per component, so they count.
+  for (const auto& pair : constraints.identified()) {
+    mark(pair.first);
+    mark(pair.second);
+  }
+  for (const auto& equality : constraints.equalities()) {
+    for (const Index vertex : equality.vertices) mark(vertex);
+  }
+  for (Index component = 0; component < domain.component_count(); ++component) {
+    // A few dozen vertices far apart show the rank as well as thousands do.
+    std::vector<Index> vertices(constrained[component].begin(), constrained[component].end());
+    constexpr std::size_t kEnough = 64;
+    if (vertices.size() > kEnough) {
+      std::vector<Index> chosen;
+      for (std::size_t i = 0; i < kEnough; ++i) chosen.push_back(vertices[i * (vertices.size() - 1) / (kEnough - 1)]);
+      vertices = chosen;
+    }
+    Eigen::MatrixXd restricted(static_cast<Eigen::Index>(vertices.size()) * unknowns, kernel.cols());
+    for (std::size_t i = 0; i < vertices.size(); ++i) {
+      restricted.middleRows(static_cast<Eigen::Index>(i) * unknowns, unknowns) =
+          kernel.middleRows(vertices[i] * unknowns, unknowns);
+    }
+    Eigen::Index rank = 0;
+    if (restricted.rows() > 0) {
+      Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(restricted);
+      qr.setThreshold(1e-10);
+      rank = qr.rank();
+    }
+    if (rank < kernel.cols()) {
+      throw DataError(fmt::format(
+          "too few constraints: component {} of {} (with cell {}) has {} constrained vertices, which hold {} of the {} "
+          "motions that the energy does not see; constrain more vertices there",
+          component, domain.component_count(), example[component], constrained[component].size(), rank, kernel.cols()));
+    }
+  }
+}
+
+}  // namespace variform

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "framework/base/types.h"
+#include "framework/domain/domain.h"
+
+namespace variform {
+
+/// Constraints on vertex values U (|V| x d), whatever the energy. Adding one checks it; all throw DataError naming the
+/// vertex for indices out of range, values that are not finite or have another dimension, and contradictions.
+class Constraints {
+ public:
+  struct Value {
+    Index vertex;
+    Eigen::RowVectorXd value;
+    double weight = 0.0;  ///< soft only; 0: the default weight
+  };
+  struct Equality {
+    std::vector<Index> vertices;
+    std::vector<double> weights;
+    Eigen::RowVectorXd value;
+  };
+  struct Identification {
+    Index first;
+    Index second;
+  };
+
+  Constraints(Index vertex_count, int dimension) : vertex_count_(vertex_count), dimension_(dimension) {}
+
+  /// Hard: u_vertex = value exactly (eliminated). The same value twice is no error; another value is.
+  void fix(Index vertex, const Eigen::RowVectorXd& value);
+  /// Soft: adds weight |u_vertex - value|^2. Weight 0 asks for the default of Problem, 1e3 times the mean diagonal
+  /// entry of the matrix. Throws DataError for negative weights.
+  void attract(Index vertex, const Eigen::RowVectorXd& value, double weight = 0.0);
+  /// Hard: u_first = u_second (a seam); eliminated, so that the system stays definite.
+  void identify(Index first, Index second);
+  /// Hard: sum_i weights_i u_{vertices_i} = value, for example a point on a cell by barycentric weights. Enforced by
+  /// Lagrange multipliers: the system becomes indefinite.
+  void combine(const std::vector<Index>& vertices, const std::vector<double>& weights, const Eigen::RowVectorXd& value);
+
+  Index vertex_count() const { return vertex_count_; }
+  int dimension() const { return dimension_; }
+  const std::vector<Value>& fixed() const { return fixed_; }
+  const std::vector<Value>& soft() const { return soft_; }
+  const std::vector<Identification>& identified() const { return identified_; }
+  const std::vector<Equality>& equalities() const { return equalities_; }
+
+  /// New values for the hard constraints, in the order of fixed(); the set of vertices stays.
+  void set_fixed_values(const Matrix& values);
+
+ private:
+  void check_vertex(Index vertex) const;
+  void check_value(Index vertex, const Eigen::RowVectorXd& value) const;
+
+  Index vertex_count_;
+  int dimension_;
+  std::vector<Value> fixed_;
+  std::vector<Index> fixed_index_;  // vertex -> position in fixed_, -1
+  std::vector<Value> soft_;
+  std::vector<Identification> identified_;
+  std::vector<Equality> equalities_;
+};
+
+/// Elimination of the hard constraints from H (lower triangle): x = Z y + x_fixed with one y per group of identified
+/// unknowns, K = Z'HZ, and one multiplier row per linear equality. The map from entries of H to entries of K is
+/// computed once per pattern, so refill() only moves values.
+class Reduction {
+ public:
+  /// unknowns per vertex (1 or d): whether the columns of U are solved for together.
+  Reduction(const SparseMatrix& H, const Constraints& constraints, int unknowns);
+
+  /// Unknowns left to solve for, without multipliers.
+  Index free_count() const { return free_count_; }
+  /// True when there are multiplier rows: K is symmetric indefinite, else positive definite.
+  bool indefinite() const { return multiplier_count_ > 0; }
+
+  /// Values of K from those of H, soft constraints added; returns the default soft weight that was used.
+  double refill(const SparseMatrix& H, const Constraints& constraints);
+  /// K, lower triangle.
+  const SparseMatrix& matrix() const { return matrix_; }
+
+  /// Right-hand side for g (unknown_count x columns) and the current values of the constraints.
+  Eigen::MatrixXd right_hand_side(const SparseMatrix& H, const Matrix& g, const Constraints& constraints) const;
+  /// Unknowns X (unknown_count x columns) from the solution of K Y = rhs.
+  Matrix expand(const Eigen::MatrixXd& Y, const Constraints& constraints, Eigen::Index columns) const;
+
+  /// Z as a sparse matrix (unknown_count x free_count): for least-squares backends.
+  SparseMatrix elimination() const;
+  /// The values of fixed unknowns, 0 elsewhere: unknown_count x columns.
+  Matrix fixed_part(const Constraints& constraints, Eigen::Index columns) const;
+  /// Soft constraints as rows of a least-squares problem: sqrt(w) (selection of y, value).
+  void append_soft_rows(const Constraints& constraints, std::vector<Eigen::Triplet<double, Index>>& triplets,
+                        Eigen::MatrixXd& right_hand_side, Index first_row) const;
+  Index soft_row_count(const Constraints& constraints) const;
+
+ private:
+  double soft_weight(const Constraints::Value& soft) const { return soft.weight > 0.0 ? soft.weight : default_weight_; }
+
+  int unknowns_;
+  Index unknown_count_;
+  Index free_count_ = 0;
+  Index multiplier_count_ = 0;
+  double default_weight_ = 0.0;
+  IndexVector target_;               // unknown -> y, or -1 when fixed
+  IndexVector entry_target_;         // entry of H -> entry of K, or -1
+  std::vector<bool> entry_doubled_;  // an off-diagonal entry of H that lands on the diagonal of K counts twice
+  IndexVector diagonal_entry_;       // y -> entry of its diagonal in K
+  SparseMatrix matrix_;
+  std::vector<std::pair<Index, double>> multiplier_entries_;  // constant entries of the equality rows
+};
+
+/// Rank that the hard and soft constraints have on the kernel of an energy, per facet-connected component of the
+/// domain: throws DataError naming the first component whose constraints leave motions in the kernel free, with the
+/// rank found and the rank needed. kernel: (unknowns |V|) x dim, a basis of the energy's kernel; empty: nothing to
+/// check.
+void check_constraint_rank(const Domain& domain, const Constraints& constraints, const Eigen::MatrixXd& kernel,
+                           int unknowns);
+
+}  // namespace variform

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/form/energy.h"
+
+#include "framework/base/error.h"
+#include "framework/base/parallel.h"
+
+namespace variform {
+
+Index Energy::refresh_target(const Domain&, const Matrix&, Form&) const { return 0; }
+
+Matrix Energy::frames(const Domain&) const { return {}; }
+
+std::optional<Term> Energy::regularizer(const Domain&) const { return std::nullopt; }
+
+bool CellEnergy::target(const Domain&, Index, const Matrix&, Eigen::Ref<Eigen::MatrixXd> c) const {
+  c.setZero();
+  return true;
+}
+
+Form CellEnergy::declare(const Domain& domain) const {
+  const EnergyTraits t = traits(domain);
+  Form form(domain.vertex_count(), domain.cells(), t.residuals, t.unknowns, t.columns);
+  refresh_operator(domain, form);
+  const int d = t.dimension();
+  Matrix rest = Matrix::Zero(domain.vertex_count(), d);
+  const auto shared = std::min<Eigen::Index>(d, domain.positions().cols());
+  rest.leftCols(shared) = domain.positions().leftCols(shared);
+  parallel_for(domain.cell_count(),
+               [&](Index cell_index) { target(domain, cell_index, rest, form.target(cell_index)); });
+  return form;
+}
+
+void CellEnergy::refresh_operator(const Domain& domain, Form& form) const {
+  parallel_for(domain.cell_count(), [&](Index t) { cell(domain, t, form.block(t)); });
+}
+
+Index CellEnergy::refresh_target(const Domain& domain, const Matrix& U, Form& form) const {
+  if (traits(domain).state == StateDependence::none) return 0;
+  return static_cast<Index>(parallel_sum(
+      domain.cell_count(), [&](Index t) { return target(domain, t, U, form.target(t)) ? 0.0 : 1.0; }, 1024));
+}
+
+Eigen::MatrixXd kernel_basis(const EnergyTraits& traits, const Domain& domain) {
+  const Index vertices = domain.vertex_count();
+  const int d = traits.unknowns;
+  const auto basis_of = [&](int columns) { return Eigen::MatrixXd::Zero(vertices * d, columns).eval(); };
+  switch (traits.kernel) {
+    case Kernel::trivial:
+    case Kernel::other: return basis_of(0);
+    case Kernel::constants: {
+      Eigen::MatrixXd basis = basis_of(d);
+      for (Index v = 0; v < vertices; ++v) basis.block(v * d, 0, d, d).setIdentity();
+      return basis;
+    }
+    case Kernel::rigid_motions:
+    case Kernel::similarities: break;
+  }
+  if (d != domain.ambient_dimension()) throw UsageError("kernel of rigid motions: one unknown per ambient coordinate");
+  const int rotations = d * (d - 1) / 2;
+  Eigen::MatrixXd basis = basis_of(d + rotations + (traits.kernel == Kernel::similarities ? 1 : 0));
+  const Eigen::RowVectorXd centre = domain.positions().colwise().mean();
+  for (Index v = 0; v < vertices; ++v) {
+    const Eigen::RowVectorXd x = (domain.positions().row(v) - centre) / domain.diameter();
+    int column = 0;
+    for (; column < d; ++column) basis(v * d + column, column) = 1.0;
+    for (int i = 0; i < d; ++i) {
+      for (int j = i + 1; j < d; ++j, ++column) {
+        basis(v * d + i, column) = -x[j];
+        basis(v * d + j, column) = x[i];
+      }
+    }
+    if (traits.kernel == Kernel::similarities) basis.block(v * d, column, d, 1) = x.transpose();
+  }
+  return basis;
+}
+
+void vectorised_gradient(const Domain& domain, Index t, int d, Eigen::Ref<Eigen::MatrixXd> H) {
+  const auto G = domain.gradient(t);
+  const auto p = G.rows();
+  H.setZero();
+  for (int coordinate = 0; coordinate < d; ++coordinate) {
+    for (Eigen::Index i = 0; i < G.cols(); ++i) H.block(coordinate * p, i * d + coordinate, p, 1) = G.col(i);
+  }
+}
+
+Eigen::MatrixXd vectorised_gradient(const Domain& domain, Index t, int d) {
+  Eigen::MatrixXd H(domain.ambient_dimension() * d, d * domain.cell_size());
+  vectorised_gradient(domain, t, d, H);
+  return H;
+}
+
+}  // namespace variform

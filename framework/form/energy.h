@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "framework/base/parameters.h"
+#include "framework/base/registry.h"
+#include "framework/domain/domain.h"
+#include "framework/form/assembly.h"
+#include "framework/form/form.h"
+#include "framework/form/norm.h"
+
+namespace variform {
+
+/// Which part of (E, c) depends on the state u.
+enum class StateDependence {
+  none,    ///< linear: E and c are constant
+  target,  ///< only c = c(u): local/global alternation keeps one factorization
+};
+
+/// Where the residual of an energy lives, hence which norm regularizes it.
+enum class Support { cells, vertices };
+
+/// The motions that an energy does not see: constraints must take them away.
+enum class Kernel {
+  trivial,        ///< none
+  constants,      ///< one constant per unknown and component of the domain
+  rigid_motions,  ///< translations and linearized rotations (coupled energies)
+  similarities,   ///< and scaling
+  other,          ///< not checked
+};
+
+/// Sizes and nature of an energy on a domain.
+struct EnergyTraits {
+  int residuals = 0;  ///< n, components of the residual at each site
+  int unknowns = 1;   ///< per vertex in one linear system: d if the coordinates are coupled, 1 if they decouple
+  int columns = 1;    ///< coordinates solved for with the same operator: 1 if coupled, d if they decouple
+  Kernel kernel = Kernel::other;
+  Gauge gauge = Gauge::world;
+  StateDependence state = StateDependence::none;
+  Support support = Support::cells;
+
+  /// d, coordinates of u at each vertex.
+  int dimension() const { return unknowns * columns; }
+};
+
+/// An energy declares the residual r(u) = E u - c on a domain. It knows geometry and nothing of beta, norms,
+/// constraints or solvers. Most energies derive from CellEnergy, which asks for one cell at a time.
+class Energy {
+ public:
+  virtual ~Energy() = default;
+
+  /// Throws UsageError when the energy cannot live on this domain, saying which it takes.
+  virtual EnergyTraits traits(const Domain& domain) const = 0;
+
+  /// A form of the right connectivity with E on the positions of the domain, and c at the rest state u = x.
+  virtual Form declare(const Domain& domain) const = 0;
+
+  /// New values of E for a domain whose positions moved, in place.
+  virtual void refresh_operator(const Domain& domain, Form& form) const = 0;
+
+  /// New values of c for the state U (|V| x d), in place; nothing to do for StateDependence::none. Returns the number
+  /// of sites whose target is undefined at U (a closest rotation of a degenerate cell, say): these keep their last one.
+  virtual Index refresh_target(const Domain& domain, const Matrix& U, Form& form) const;
+
+  /// Cell frames for Gauge::cell_frame, cells x 2p; see cell_norm.
+  virtual Matrix frames(const Domain& domain) const;
+
+  /// Extension point: a regularizer of the energy's own, a term with weights ||E_S u - c_S||^2_B in place of the W_n
+  /// norm. The problem becomes (1-beta) ||E u - c||^2_A + beta times this term. Most energies have none.
+  virtual std::optional<Term> regularizer(const Domain& domain) const;
+};
+
+/// Energy with one residual per cell whose operator is local to it.
+class CellEnergy : public Energy {
+ public:
+  /// E_t on the rest positions: n x (unknowns (m+1)), columns vertex by vertex.
+  virtual void cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const = 0;
+
+  /// c_t for vertex values U (|V| x d), n x columns. Returns false, leaving c as it is, when it is undefined at U.
+  /// The default is c = 0.
+  virtual bool target(const Domain& domain, Index t, const Matrix& U, Eigen::Ref<Eigen::MatrixXd> c) const;
+
+  Form declare(const Domain& domain) const override;
+  void refresh_operator(const Domain& domain, Form& form) const override;
+  Index refresh_target(const Domain& domain, const Matrix& U, Form& form) const override;
+};
+
+/// How an energy is known to configs and to `variform list`.
+struct EnergyEntry {
+  std::string name = {};
+  std::string doc = {};      ///< one line, with the source
+  std::string domains = {};  ///< which domains it takes, for the listing
+  std::vector<Parameter> parameters = {};
+  std::function<std::unique_ptr<Energy>(const Parameters&)> make = {};
+};
+
+/// Basis of the kernel of an energy, (unknowns |V|) x dim; no columns for Kernel::trivial and Kernel::other. Columns
+/// are scaled alike.
+Eigen::MatrixXd kernel_basis(const EnergyTraits& traits, const Domain& domain);
+
+/// Vectorised gradient of cell t for vertex-major local unknowns: vec(F_t) = H_t u_t with F_t = G_t U_t, columns of F
+/// one after the other; H_t = (I_d (x) G_t) P, (p d) x (d (m+1)) (methods: errata C3).
+void vectorised_gradient(const Domain& domain, Index t, int d, Eigen::Ref<Eigen::MatrixXd> H);
+Eigen::MatrixXd vectorised_gradient(const Domain& domain, Index t, int d);
+
+}  // namespace variform

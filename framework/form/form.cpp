@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/form/form.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "framework/base/error.h"
+#include "framework/base/parallel.h"
+
+namespace variform {
+
+Form::Form(Index node_count, const IndexMatrix& site_nodes, int residuals, int unknowns, int columns)
+    : node_count_(node_count), residuals_(residuals), unknowns_(unknowns), columns_(columns) {
+  const auto sites = static_cast<Index>(site_nodes.rows());
+  const auto size = static_cast<Index>(site_nodes.cols());
+  offsets_.resize(sites + 1);
+  for (Index s = 0; s <= sites; ++s) offsets_[s] = s * size;
+  nodes_.assign(site_nodes.data(), site_nodes.data() + site_nodes.size());
+  E_.assign(block_offset(sites), 0.0);
+  c_.assign(target_offset(sites), 0.0);
+}
+
+Form Form::from_sparse(const SparseMatrix& E, const Eigen::MatrixXd& c, int residuals) {
+  if (residuals < 1 || E.rows() % residuals != 0) {
+    throw UsageError(fmt::format("form: {} rows are no multiple of {} residuals per site", E.rows(), residuals));
+  }
+  if (c.rows() != E.rows() || c.cols() < 1) {
+    throw UsageError(fmt::format("form: E has {} rows, c is {} x {}", E.rows(), c.rows(), c.cols()));
+  }
+  const Eigen::SparseMatrix<double, Eigen::RowMajor, Index> rows = E;
+  Form form;
+  form.node_count_ = static_cast<Index>(E.cols());
+  form.residuals_ = residuals;
+  form.columns_ = static_cast<int>(c.cols());
+  const auto sites = static_cast<Index>(E.rows() / residuals);
+  form.c_.resize(form.target_offset(sites));
+  for (Index s = 0; s < sites; ++s) {
+    std::vector<Index> touched;
+    for (int i = 0; i < residuals; ++i) {
+      for (Eigen::SparseMatrix<double, Eigen::RowMajor, Index>::InnerIterator it(rows, s * residuals + i); it; ++it) {
+        touched.push_back(static_cast<Index>(it.col()));
+      }
+    }
+    std::sort(touched.begin(), touched.end());
+    touched.erase(std::unique(touched.begin(), touched.end()), touched.end());
+    form.nodes_.insert(form.nodes_.end(), touched.begin(), touched.end());
+    form.offsets_.push_back(static_cast<Index>(form.nodes_.size()));
+    form.E_.resize(form.block_offset(s + 1), 0.0);
+    Eigen::Map<Eigen::MatrixXd> block = form.block(s);
+    for (int i = 0; i < residuals; ++i) {
+      for (Eigen::SparseMatrix<double, Eigen::RowMajor, Index>::InnerIterator it(rows, s * residuals + i); it; ++it) {
+        const auto at = std::lower_bound(touched.begin(), touched.end(), static_cast<Index>(it.col()));
+        block(i, at - touched.begin()) += it.value();
+      }
+    }
+    form.target(s) = c.middleRows(s * residuals, residuals);
+  }
+  return form;
+}
+
+SparseMatrix Form::sparse_operator() const {
+  std::vector<Eigen::Triplet<double, Index>> triplets;
+  triplets.reserve(E_.size());
+  for (Index s = 0; s < site_count(); ++s) {
+    const auto E = block(s);
+    for (int k = 0; k < E.cols(); ++k) {
+      const Index column = node(s, k / unknowns_) * unknowns_ + k % unknowns_;
+      for (int i = 0; i < residuals_; ++i) triplets.emplace_back(s * residuals_ + i, column, E(i, k));
+    }
+  }
+  SparseMatrix result(site_count() * residuals_, unknown_count());
+  result.setFromTriplets(triplets.begin(), triplets.end());
+  return result;
+}
+
+Eigen::MatrixXd Form::stacked_targets() const {
+  Eigen::MatrixXd result(static_cast<Index>(site_count() * residuals_), columns_);
+  for (Index s = 0; s < site_count(); ++s) result.middleRows(s * residuals_, residuals_) = target(s);
+  return result;
+}
+
+Matrix Form::residual(const Matrix& X) const {
+  Matrix R;
+  residual(X, R);
+  return R;
+}
+
+void Form::residual(const Matrix& X, Matrix& R) const {
+  if (X.rows() != unknown_count() || X.cols() != columns_) {
+    throw UsageError(
+        fmt::format("form: expected {} x {} unknowns, got {} x {}", unknown_count(), columns_, X.rows(), X.cols()));
+  }
+  R.resize(site_count(), residuals_ * columns_);
+  parallel_for(site_count(), [&](Index s) {
+    const auto E = block(s);
+    double* r = R.data() + static_cast<std::size_t>(s) * R.cols();
+    const double* c = target_data(s);
+    for (int j = 0; j < residuals_ * columns_; ++j) r[j] = -c[j];
+    for (int k = 0; k < E.cols(); ++k) {
+      const Index row = node(s, k / unknowns_) * unknowns_ + k % unknowns_;
+      for (int column = 0; column < columns_; ++column) {
+        const double x = X(row, column);
+        for (int i = 0; i < residuals_; ++i) r[column * residuals_ + i] += E(i, k) * x;
+      }
+    }
+  });
+}
+
+Matrix as_unknowns(const Matrix& U, const Form& form) {
+  if (U.size() != static_cast<Eigen::Index>(form.unknown_count()) * form.columns()) {
+    throw UsageError(fmt::format("form: {} x {} vertex values do not fit {} x {} unknowns", U.rows(), U.cols(),
+                                 form.unknown_count(), form.columns()));
+  }
+  return Eigen::Map<const Matrix>(U.data(), form.unknown_count(), form.columns());
+}
+
+Matrix as_vertex_values(const Matrix& X, const Form& form) {
+  return Eigen::Map<const Matrix>(X.data(), form.node_count(), form.unknowns() * form.columns());
+}
+
+}  // namespace variform

@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/form/problem.h"
+
+#include <fmt/format.h>
+
+#include "framework/base/error.h"
+#include "framework/base/stopwatch.h"
+
+namespace variform {
+namespace {
+
+std::unique_ptr<Norm> make_norm(const Domain& domain, const Energy& energy, const EnergyTraits& traits,
+                                const NormOptions& options) {
+  if (traits.support == Support::vertices) return vertex_norm(domain, options);
+  return cell_norm(domain, options, traits.gauge == Gauge::cell_frame ? energy.frames(domain) : Matrix());
+}
+
+}  // namespace
+
+Problem::Problem(const Domain& domain, const Energy& energy, const NormOptions& norm, Constraints constraints)
+    : domain_(domain),
+      energy_(energy),
+      norm_(norm),
+      traits_(energy.traits(domain)),
+      constraints_(std::move(constraints)) {
+  const Stopwatch watch;
+  if (constraints_.vertex_count() != domain.vertex_count() || constraints_.dimension() != traits_.dimension()) {
+    throw UsageError(
+        fmt::format("problem: constraints on {} vertices in dimension {}, the energy has {} vertices in {}",
+                    constraints_.vertex_count(), constraints_.dimension(), domain.vertex_count(), traits_.dimension()));
+  }
+  check_constraint_rank(domain, constraints_, kernel_basis(traits_, domain), traits_.unknowns);
+  std::optional<Term> own = own_regularizer();
+  NormOptions options = norm_;
+  if (own) options.beta = 0.0;
+  Term term{energy.declare(domain), make_norm(domain, energy, traits_, options)};
+  if (own) {
+    if (!(norm_.beta >= 0.0 && norm_.beta < 1.0)) {
+      throw UsageError(fmt::format("norm: beta = {}: expected a value in [0, 1)", norm_.beta));
+    }
+    // The blend of the two terms goes into weights: (1-beta) and beta scale the norms.
+    term.norm = diagonal_norm((1.0 - norm_.beta) * term.norm->diagonal());
+    own->norm = diagonal_norm(norm_.beta * own->norm->diagonal());
+  }
+  terms_.push_back(std::move(term));
+  if (own) terms_.push_back(std::move(*own));
+  times_.declare += watch.seconds();
+}
+
+std::optional<Term> Problem::own_regularizer() const {
+  if (norm_.regularizer == Regularizer::energy_smoothness) return energy_.regularizer(domain_);
+  // Tikhonov: the gradient of the solution itself, int |grad u|^2.
+  const int p = domain_.ambient_dimension();
+  const int d = traits_.unknowns;
+  Form form(domain_.vertex_count(), domain_.cells(), p * d, d, traits_.columns);
+  for (Index t = 0; t < domain_.cell_count(); ++t) vectorised_gradient(domain_, t, d, form.block(t));
+  return Term{std::move(form), diagonal_norm(domain_.cell_measures())};
+}
+
+void Problem::refresh_operator() {
+  const Stopwatch watch;
+  energy_.refresh_operator(domain_, terms_.front().form);
+  if (terms_.size() == 1) {
+    terms_.front().norm->refresh(domain_);
+  } else {
+    Term own = std::move(*own_regularizer());
+    NormOptions plain = norm_;
+    plain.beta = 0.0;
+    terms_[0].norm = diagonal_norm((1.0 - norm_.beta) * make_norm(domain_, energy_, traits_, plain)->diagonal());
+    terms_[1].form = std::move(own.form);
+    terms_[1].norm = diagonal_norm(norm_.beta * own.norm->diagonal());
+  }
+  matrix_stale_ = targets_stale_ = true;
+  times_.declare += watch.seconds();
+}
+
+Index Problem::refresh_target(const Matrix& U) {
+  if (traits_.state == StateDependence::none) return 0;
+  const Stopwatch watch;
+  const Index undefined = energy_.refresh_target(domain_, U, terms_.front().form);
+  targets_stale_ = true;
+  times_.declare += watch.seconds();
+  return undefined;
+}
+
+void Problem::ensure_pattern() {
+  if (assembly_) return;
+  const Stopwatch watch;
+  assembly_ = std::make_unique<Assembly>(terms_);
+  reduction_ = std::make_unique<Reduction>(assembly_->matrix(), constraints_, traits_.unknowns);
+  times_.pattern += watch.seconds();
+}
+
+void Problem::ensure_matrix() {
+  ensure_pattern();
+  if (!matrix_stale_) return;
+  const Stopwatch watch;
+  assembly_->refill(terms_);
+  default_soft_weight_ = reduction_->refill(assembly_->matrix(), constraints_);
+  matrix_stale_ = false;
+  factorized_in_ = nullptr;
+  times_.refill += watch.seconds();
+}
+
+const SparseMatrix& Problem::normal_matrix() {
+  ensure_matrix();
+  return assembly_->matrix();
+}
+
+const Matrix& Problem::normal_right_hand_side() {
+  ensure_matrix();
+  if (targets_stale_) assembly_->refill_targets(terms_);
+  targets_stale_ = false;
+  return assembly_->right_hand_side();
+}
+
+const SparseMatrix& Problem::reduced_matrix() {
+  ensure_matrix();
+  return reduction_->matrix();
+}
+
+Matrix Problem::solve(LinearBackend& backend) {
+  ensure_matrix();
+  const bool least_squares = backend.capabilities().least_squares && !backend.capabilities().spd;
+  if (least_squares && reduction_->indefinite()) {
+    throw UsageError("linear equality constraints need a backend for indefinite systems, not a least-squares one");
+  }
+  StackedForm stacked;
+  if (least_squares) {
+    // min |S E (Z y + x_fixed) - S c|, soft constraints as further rows.
+    const Stopwatch watch;
+    const StackedForm full = stack(terms_);
+    const Eigen::Index columns = full.right_hand_side.cols();
+    const auto rows = static_cast<Index>(full.matrix.rows());
+    const Index soft_rows = reduction_->soft_row_count(constraints_);
+    const SparseMatrix reduced = full.matrix * reduction_->elimination();
+    std::vector<Eigen::Triplet<double, Index>> triplets;
+    triplets.reserve(static_cast<std::size_t>(reduced.nonZeros()));
+    for (Index j = 0; j < reduced.outerSize(); ++j) {
+      for (SparseMatrix::InnerIterator it(reduced, j); it; ++it) {
+        triplets.emplace_back(static_cast<Index>(it.row()), j, it.value());
+      }
+    }
+    stacked.right_hand_side = Eigen::MatrixXd::Zero(rows + soft_rows, columns);
+    stacked.right_hand_side.topRows(rows) =
+        full.right_hand_side - full.matrix * Eigen::MatrixXd(reduction_->fixed_part(constraints_, columns));
+    reduction_->append_soft_rows(constraints_, triplets, stacked.right_hand_side, rows);
+    stacked.matrix.resize(rows + soft_rows, reduced.cols());
+    stacked.matrix.setFromTriplets(triplets.begin(), triplets.end());
+    times_.refill += watch.seconds();
+  }
+  if (factorized_in_ != &backend || factorization_ != backend.report().factorizations) {
+    const int analyses = backend.report().analyses;
+    if (least_squares) {
+      backend.factorize(stacked.matrix, MatrixKind::least_squares);
+    } else {
+      // A general LU solves definite systems too.
+      const bool definite = !reduction_->indefinite() && backend.capabilities().spd;
+      backend.factorize(reduction_->matrix(), definite ? MatrixKind::spd : MatrixKind::symmetric_indefinite);
+    }
+    if (backend.report().analyses != analyses) times_.analyze += backend.report().analyze_seconds;
+    times_.factorize += backend.report().factorize_seconds;
+    factorized_in_ = &backend;
+    factorization_ = backend.report().factorizations;
+  }
+  const Stopwatch watch;
+  const Eigen::Index columns = traits_.columns;
+  const Eigen::MatrixXd Y = backend.solve(
+      least_squares ? stacked.right_hand_side
+                    : reduction_->right_hand_side(assembly_->matrix(), normal_right_hand_side(), constraints_));
+  const Matrix X = reduction_->expand(Y, constraints_, columns);
+  times_.solve += watch.seconds();
+  return as_vertex_values(X, terms_.front().form);
+}
+
+Matrix Problem::residual(const Matrix& U) const {
+  const Form& form = terms_.front().form;
+  return form.residual(as_unknowns(U, form));
+}
+
+EnergyValue Problem::value(const Matrix& U) const {
+  EnergyValue value;
+  const Matrix R = residual(U);
+  value.total = terms_.front().norm->squared(R);
+  value.plain = terms_.front().norm->plain_squared(R);
+  if (terms_.size() > 1) {
+    const Term& own = terms_[1];
+    const double weighted = own.norm->squared(own.form.residual(as_unknowns(U, own.form)));
+    value.plain /= 1.0 - norm_.beta;
+    value.variation = norm_.beta > 0.0 ? weighted / norm_.beta : 0.0;
+    value.total += weighted;
+  } else if (traits_.support == Support::cells && traits_.gauge == Gauge::world) {
+    value.variation = residual_variation(domain_, norm_.facet_weight, R);
+  } else if (norm_.beta > 0.0) {
+    value.variation = (value.total - (1.0 - norm_.beta) * value.plain) / norm_.beta;
+  }
+  return value;
+}
+
+EnergyValue ProblemObjective::value(const Matrix& U) {
+  undefined_targets_ += problem_.refresh_target(U);
+  return problem_.value(U);
+}
+
+Matrix ProblemObjective::local_global_step(const Matrix& U) {
+  undefined_targets_ += problem_.refresh_target(U);
+  return problem_.solve(backend_);
+}
+
+}  // namespace variform

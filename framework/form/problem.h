@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "framework/form/assembly.h"
+#include "framework/form/constraints.h"
+#include "framework/form/energy.h"
+#include "framework/form/norm.h"
+#include "framework/solver/linear_backend.h"
+#include "framework/solver/nonlinear_backend.h"
+
+namespace variform {
+
+/// Seconds spent in each phase of a problem, summed over all calls.
+struct ProblemTimes {
+  double pattern = 0.0;    ///< connectivity: pattern and places of all blocks, elimination map
+  double declare = 0.0;    ///< values of E, c and W
+  double refill = 0.0;     ///< values of H and of the eliminated matrix
+  double analyze = 0.0;    ///< symbolic analysis
+  double factorize = 0.0;  ///< numeric factorization
+  double solve = 0.0;      ///< right-hand sides and solves
+};
+
+/// A form, a norm and constraints: min over u of ||E u - c||^2_W subject to the constraints.
+///
+///   Problem problem(domain, *energy, {.beta = 0.3}, constraints);
+///   auto backend = make_linear_backend("auto");
+///   Matrix U = problem.solve(*backend);   // for the current (E, c)
+///
+/// A linear energy is done then. One whose targets depend on u is minimized by a nonlinear backend through
+/// ProblemObjective. Numeric factorization happens only when E, W or the set of constraints changed.
+class Problem {
+ public:
+  /// The domain and energy must outlive the problem. Throws UsageError for energies that do not fit the domain or beta
+  /// out of range, DataError when the constraints leave part of the energy's kernel free.
+  Problem(const Domain& domain, const Energy& energy, const NormOptions& norm, Constraints constraints);
+
+  const EnergyTraits& traits() const { return traits_; }
+  const Domain& domain() const { return domain_; }
+  const Constraints& constraints() const { return constraints_; }
+  /// New values for the hard constraints, same vertices; no new factorization.
+  void set_fixed_values(const Matrix& values) { constraints_.set_fixed_values(values); }
+
+  /// The energy's term first, then its own regularizer if it has one.
+  const std::vector<Term>& terms() const { return terms_; }
+
+  /// Re-declares E and W after the positions of the domain changed.
+  void refresh_operator();
+  /// Re-declares c for the state U; returns how many sites kept their target because it is undefined there.
+  Index refresh_target(const Matrix& U);
+
+  /// Minimizer for the current (E, c): |V| x d. Factorizes when needed; a least-squares backend gets the stacked form.
+  /// Throws SolverError as LinearBackend does.
+  Matrix solve(LinearBackend& backend);
+
+  /// E, E_P and E_R at U with the current targets.
+  EnergyValue value(const Matrix& U) const;
+  /// r(U) with the current targets, sites x (n columns).
+  Matrix residual(const Matrix& U) const;
+
+  /// H (lower triangle) and g of the unconstrained normal equations, filled for the current (E, c).
+  const SparseMatrix& normal_matrix();
+  const Matrix& normal_right_hand_side();
+  /// The matrix that is factorized.
+  const SparseMatrix& reduced_matrix();
+  /// The soft-constraint weight used where none was given.
+  double default_soft_weight() const { return default_soft_weight_; }
+
+  const ProblemTimes& times() const { return times_; }
+
+ private:
+  std::optional<Term> own_regularizer() const;
+  void ensure_pattern();
+  void ensure_matrix();
+
+  const Domain& domain_;
+  const Energy& energy_;
+  NormOptions norm_;
+  EnergyTraits traits_;
+  Constraints constraints_;
+  std::vector<Term> terms_;
+  std::unique_ptr<Assembly> assembly_;
+  std::unique_ptr<Reduction> reduction_;
+  bool matrix_stale_ = true;
+  bool targets_stale_ = true;
+  const LinearBackend* factorized_in_ = nullptr;
+  int factorization_ = -1;  // of that backend: another user may have factorized something else since
+  double default_soft_weight_ = 0.0;
+  ProblemTimes times_;
+};
+
+/// A problem whose targets depend on the state, as nonlinear backends see it.
+class ProblemObjective final : public Objective {
+ public:
+  ProblemObjective(Problem& problem, LinearBackend& backend) : problem_(problem), backend_(backend) {}
+
+  EnergyValue value(const Matrix& U) override;
+  Matrix local_global_step(const Matrix& U) override;
+  double length_scale() const override { return problem_.domain().diameter(); }
+
+  /// Sites that kept their target, summed over all calls.
+  Index undefined_targets() const { return undefined_targets_; }
+
+ private:
+  Problem& problem_;
+  LinearBackend& backend_;
+  Index undefined_targets_ = 0;
+};
+
+}  // namespace variform

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/operators/operators.h"
+
+#include <vector>
+
+namespace variform {
+namespace {
+
+/// Assembles sum over cells of the dense local matrices local(t), (m+1) x (m+1).
+template <class Local>
+SparseMatrix assemble_vertices(const Domain& domain, const Local& local) {
+  std::vector<Eigen::Triplet<double, Index>> triplets;
+  const int corners = domain.cell_size();
+  triplets.reserve(static_cast<std::size_t>(domain.cell_count()) * corners * corners);
+  for (Index t = 0; t < domain.cell_count(); ++t) {
+    const Eigen::MatrixXd block = local(t);
+    for (int i = 0; i < corners; ++i) {
+      for (int j = 0; j < corners; ++j) {
+        triplets.emplace_back(domain.cells()(t, i), domain.cells()(t, j), block(i, j));
+      }
+    }
+  }
+  SparseMatrix result(domain.vertex_count(), domain.vertex_count());
+  result.setFromTriplets(triplets.begin(), triplets.end());
+  return result;
+}
+
+}  // namespace
+
+SparseMatrix gradient_matrix(const Domain& domain) {
+  std::vector<Eigen::Triplet<double, Index>> triplets;
+  const Index cells = domain.cell_count();
+  const int p = domain.ambient_dimension();
+  for (Index t = 0; t < cells; ++t) {
+    const auto G = domain.gradient(t);
+    for (int r = 0; r < p; ++r) {
+      for (int i = 0; i < domain.cell_size(); ++i) {
+        triplets.emplace_back(r * cells + t, domain.cells()(t, i), G(r, i));
+      }
+    }
+  }
+  SparseMatrix result(p * cells, domain.vertex_count());
+  result.setFromTriplets(triplets.begin(), triplets.end());
+  return result;
+}
+
+SparseMatrix cotangent_laplacian(const Domain& domain) {
+  return assemble_vertices(domain, [&](Index t) -> Eigen::MatrixXd {
+    const auto G = domain.gradient(t);
+    return domain.cell_measures()[t] * G.transpose() * G;
+  });
+}
+
+SparseMatrix mass_matrix(const Domain& domain) {
+  const int corners = domain.cell_size();
+  const double m = domain.intrinsic_dimension();
+  return assemble_vertices(domain, [&](Index t) -> Eigen::MatrixXd {
+    // m!/(m+2)! = 1/((m+1)(m+2)).
+    const double scale = domain.cell_measures()[t] / ((m + 1.0) * (m + 2.0));
+    return scale * (Eigen::MatrixXd::Ones(corners, corners) + Eigen::MatrixXd::Identity(corners, corners));
+  });
+}
+
+Eigen::MatrixXd deformation(const Domain& domain, Index t, const Matrix& U) {
+  Eigen::MatrixXd local(domain.cell_size(), U.cols());
+  for (int i = 0; i < domain.cell_size(); ++i) local.row(i) = U.row(domain.cells()(t, i));
+  return domain.gradient(t) * local;
+}
+
+}  // namespace variform

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "framework/base/types.h"
+#include "framework/domain/domain.h"
+
+namespace variform {
+
+/// Global gradient operator, p|T| x |V|, component-major: block r (|T| rows) holds row r of every cell gradient G_t
+/// (Martinez Esturo 2013, appendix A.1).
+SparseMatrix gradient_matrix(const Domain& domain);
+
+/// Cotangent Laplacian L = sum_t A_t G_t' G_t, |V| x |V|, symmetric positive semi-definite, all entries stored.
+/// Off-diagonal entries are -(cot a + cot b)/2 on triangles; the kernel holds the constants of each component.
+SparseMatrix cotangent_laplacian(const Domain& domain);
+
+/// Consistent mass matrix: integrals of products of hat functions, |V| x |V|, symmetric positive definite, all entries
+/// stored; triangle A/6 and A/12, tetrahedron V/10 and V/20 (Martinez Esturo 2013, appendix A.2).
+SparseMatrix mass_matrix(const Domain& domain);
+
+/// Transposed deformation gradient F_t = G_t U_t of cell t (p x d) for vertex values U (|V| x d): column c is the
+/// gradient of coordinate function c. At rest F = I (planar, tetrahedral) or I - n n' (surface).
+Eigen::MatrixXd deformation(const Domain& domain, Index t, const Matrix& U);
+
+}  // namespace variform

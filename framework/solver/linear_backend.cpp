@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/solver/linear_backend.h"
+
+#include <fmt/format.h>
+
+#include <exception>
+#include <new>
+
+#include "framework/base/error.h"
+#include "framework/base/stopwatch.h"
+
+namespace variform {
+
+std::string to_string(MatrixKind kind) {
+  switch (kind) {
+    case MatrixKind::spd: return "symmetric positive definite";
+    case MatrixKind::symmetric_indefinite: return "symmetric indefinite";
+    case MatrixKind::general: return "general";
+    case MatrixKind::least_squares: return "least squares";
+  }
+  return {};
+}
+
+bool LinearCapabilities::supports(MatrixKind kind) const {
+  switch (kind) {
+    case MatrixKind::spd: return spd;
+    case MatrixKind::symmetric_indefinite: return symmetric_indefinite;
+    case MatrixKind::general: return general;
+    case MatrixKind::least_squares: return least_squares;
+  }
+  return false;
+}
+
+std::uint64_t pattern_hash(const SparseMatrix& A) {
+  std::uint64_t hash = 0xcbf29ce484222325ULL;
+  const auto mix = [&hash](std::uint64_t value) {
+    hash = (hash ^ value) * 0x9e3779b97f4a7c15ULL;
+    hash ^= hash >> 29U;
+  };
+  mix(static_cast<std::uint64_t>(A.rows()));
+  mix(static_cast<std::uint64_t>(A.cols()));
+  for (Index j = 0; j <= A.outerSize(); ++j) mix(static_cast<std::uint64_t>(A.outerIndexPtr()[j]));
+  for (Index k = 0; k < A.nonZeros(); ++k) mix(static_cast<std::uint64_t>(A.innerIndexPtr()[k]));
+  return hash;
+}
+
+void LinearBackend::fail(const std::string& what) const {
+  throw SolverError(fmt::format("linear backend '{}': {}", report_.backend, what));
+}
+
+template <class Phase>
+double LinearBackend::run(const Phase& phase) {
+  report_.ok = false;
+  const Stopwatch watch;
+  try {
+    try {
+      phase();
+    } catch (const Error&) {
+      throw;
+    } catch (const std::bad_alloc&) {
+      fail(fmt::format("out of memory ({} x {} system)", report_.rows, report_.columns));
+    } catch (const std::exception& error) {
+      fail(error.what());
+    }
+  } catch (const Error& error) {
+    report_.reason = error.what();
+    throw;
+  }
+  return watch.seconds();
+}
+
+void LinearBackend::analyze(const SparseMatrix& A, MatrixKind kind) {
+  const auto refuse = [&](const std::string& what) {
+    throw UsageError(fmt::format("linear backend '{}': {}", report_.backend, what));
+  };
+  if (!capabilities().supports(kind)) refuse(fmt::format("does not solve {} systems", to_string(kind)));
+  if (!A.isCompressed()) refuse("the matrix must be compressed");
+  if (kind == MatrixKind::least_squares ? A.rows() < A.cols() : A.rows() != A.cols()) {
+    refuse(fmt::format("a {} system must be {}, got {} x {}", to_string(kind),
+                       kind == MatrixKind::least_squares ? "tall" : "square", A.rows(), A.cols()));
+  }
+  const std::uint64_t pattern = pattern_hash(A);
+  if (analyzed_ && kind == kind_ && pattern == pattern_) return;
+  if (kind == MatrixKind::spd || kind == MatrixKind::symmetric_indefinite) {
+    for (Index j = 0; j < A.cols(); ++j) {
+      for (SparseMatrix::InnerIterator entry(A, j); entry; ++entry) {
+        if (entry.row() < j) {
+          refuse(fmt::format("a {} matrix must be given by its lower triangle, got entry ({}, {})", to_string(kind),
+                             entry.row(), j));
+        }
+      }
+    }
+  }
+  analyzed_ = factorized_ = false;
+  report_.nnz_factor = -1;
+  report_.flops = report_.peak_memory = -1.0;
+  report_.rows = static_cast<Index>(A.rows());
+  report_.columns = static_cast<Index>(A.cols());
+  report_.nnz_matrix = A.nonZeros();
+  report_.analyze_seconds = run([&] {
+    kind_ = kind;
+    pattern_ = pattern;
+    matrix_ = A;
+    if (A.cols() > 0 && A.nonZeros() == 0) fail("the matrix is singular: it has no entries");
+    if (A.cols() > 0) do_analyze();
+  });
+  ++report_.analyses;
+  analyzed_ = true;
+}
+
+void LinearBackend::factorize(const SparseMatrix& A, MatrixKind kind) {
+  analyze(A, kind);
+  factorized_ = false;
+  report_.factorize_seconds = run([&] {
+    const Eigen::Map<const Vector> values(A.valuePtr(), A.nonZeros());
+    if (!values.allFinite()) fail("the matrix holds values that are not finite");
+    Eigen::Map<Vector>(matrix_.valuePtr(), matrix_.nonZeros()) = values;
+    if (A.cols() > 0) do_factorize();
+  });
+  ++report_.factorizations;
+  report_.ok = factorized_ = true;
+  report_.reason.clear();
+}
+
+Eigen::MatrixXd LinearBackend::solve(const Eigen::MatrixXd& B) {
+  if (!factorized_) fail("solve before factorize");
+  if (B.rows() != matrix_.rows()) {
+    throw UsageError(fmt::format("linear backend '{}': {} rows on the right-hand side, the matrix has {}",
+                                 report_.backend, B.rows(), matrix_.rows()));
+  }
+  report_.iterations = 0;
+  Eigen::MatrixXd X(matrix_.cols(), 0);
+  report_.solve_seconds = run([&] {
+    if (!B.allFinite()) fail("the right-hand side holds values that are not finite");
+    X = B.cols() > 0 && matrix_.cols() > 0 ? do_solve(B) : Eigen::MatrixXd(matrix_.cols(), B.cols());
+  });
+  ++report_.solves;
+  run([&] {
+    report_.residual = relative_residual(X, B);
+    if (!(report_.residual <= residual_limit)) {
+      fail(fmt::format(
+          "relative residual {:.3g} exceeds {:.3g} ({} x {} system); the matrix is singular or badly conditioned, or "
+          "too few constraints are given",
+          report_.residual, residual_limit, matrix_.rows(), matrix_.cols()));
+    }
+  });
+  report_.ok = true;
+  return X;
+}
+
+double LinearBackend::relative_residual(const Eigen::MatrixXd& X, const Eigen::MatrixXd& B) const {
+  if (matrix_.cols() == 0 || B.cols() == 0) return 0.0;
+  const auto ratio = [](double numerator, double denominator) {
+    return denominator > 0.0 ? numerator / denominator : numerator;
+  };
+  switch (kind_) {
+    case MatrixKind::least_squares: {
+      const Eigen::MatrixXd residual = matrix_ * X - B;
+      return ratio((matrix_.transpose() * residual).norm(), matrix_.norm() * B.norm());
+    }
+    case MatrixKind::general: return ratio((matrix_ * X - B).norm(), B.norm());
+    default: return ratio((matrix_.selfadjointView<Eigen::Lower>() * X - B).norm(), B.norm());
+  }
+}
+
+}  // namespace variform

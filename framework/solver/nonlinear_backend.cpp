@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/solver/nonlinear_backend.h"
+
+#include <fmt/format.h>
+
+#include "framework/base/error.h"
+#include "framework/base/stopwatch.h"
+
+namespace variform {
+
+Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const NonlinearOptions& options,
+                                  const Observer& observer) {
+  const Stopwatch watch;
+  const std::string name = report_.backend;
+  report_ = {};
+  report_.backend = name;
+  Matrix U = U0;
+  report_.history.push_back({0, objective.value(U), 0.0, watch.seconds()});
+  while (report_.iterations < options.max_iterations) {
+    const Matrix next = step(objective, U);
+    if (!next.allFinite()) {
+      throw SolverError(fmt::format("nonlinear backend '{}': a coordinate is not finite after iteration {}", name,
+                                    report_.iterations + 1));
+    }
+    const double change = (next - U).cwiseAbs().maxCoeff() / objective.length_scale();
+    U = next;
+    ++report_.iterations;
+    report_.history.push_back({report_.iterations, objective.value(U), change, watch.seconds()});
+    if (change <= options.tolerance) {
+      report_.converged = true;
+      report_.reason = fmt::format("step {:.3g} at most tolerance {:.3g}", change, options.tolerance);
+      break;
+    }
+    if (observer && !observer(report_.history.back())) {
+      report_.reason = "stopped by the observer";
+      break;
+    }
+  }
+  if (report_.reason.empty()) {
+    report_.reason = fmt::format("iteration limit {} (last step {:.3g}, tolerance {:.3g})", options.max_iterations,
+                                 report_.history.back().step, options.tolerance);
+  }
+  report_.seconds = watch.seconds();
+  return U;
+}
+
+}  // namespace variform

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "framework/base/types.h"
+
+namespace variform {
+
+/// Value of a regularized energy at a state: total = (1-beta) plain + beta variation for the W_n norm.
+struct EnergyValue {
+  double total = 0.0;      ///< E = ||r||^2_W
+  double plain = 0.0;      ///< E_P, the energy without regularization
+  double variation = 0.0;  ///< E_R, what beta weighs
+};
+
+/// What a nonlinear backend minimizes over U (|V| x d). Backends ask for what they need; an objective that does not
+/// offer it throws UsageError.
+class Objective {
+ public:
+  virtual ~Objective() = default;
+
+  virtual EnergyValue value(const Matrix& U) = 0;
+
+  /// One alternation from U: targets c(U), then the exact minimizer for these targets (constraints satisfied).
+  virtual Matrix local_global_step(const Matrix& U) = 0;
+
+  /// Length that step sizes are measured in, the diameter of the domain.
+  virtual double length_scale() const = 0;
+};
+
+struct NonlinearOptions {
+  double tolerance = 1e-6;  ///< stop when no coordinate moves more than this times the length scale
+  int max_iterations = 500;
+};
+
+/// One row of the convergence history; row 0 is the start.
+struct NonlinearStep {
+  int iteration = 0;
+  EnergyValue energy;
+  double step = 0.0;     ///< largest change of a coordinate, relative to the length scale
+  double seconds = 0.0;  ///< since the start
+};
+
+struct NonlinearReport {
+  std::string backend;
+  bool converged = false;
+  std::string reason;  ///< the stopping rule that held, with its numbers
+  int iterations = 0;
+  double seconds = 0.0;
+  std::vector<NonlinearStep> history;
+};
+
+/// Minimizes an objective. Stops by its stopping rule or at the iteration limit, and says which: a run that hit the
+/// limit is never reported as converged.
+class NonlinearBackend {
+ public:
+  virtual ~NonlinearBackend() = default;
+
+  /// Called after every iteration; returning false stops with reason "stopped by the observer".
+  using Observer = std::function<bool(const NonlinearStep&)>;
+
+  /// Minimizes from U0; returns the last state. Throws SolverError when a linear solve fails or values are not finite.
+  Matrix minimize(Objective& objective, const Matrix& U0, const NonlinearOptions& options,
+                  const Observer& observer = {});
+
+  const NonlinearReport& report() const { return report_; }
+
+ protected:
+  explicit NonlinearBackend(std::string name) { report_.backend = std::move(name); }
+
+  /// Next state, and whether the backend's own rule is met. The base class applies the common rules.
+  virtual Matrix step(Objective& objective, const Matrix& U) = 0;
+
+ private:
+  NonlinearReport report_;
+};
+
+}  // namespace variform

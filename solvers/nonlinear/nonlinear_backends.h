@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "framework/base/parameters.h"
+#include "framework/base/registry.h"
+#include "framework/solver/nonlinear_backend.h"
+
+namespace variform {
+
+/// How a nonlinear backend is known to configs and to `variform list`.
+struct NonlinearBackendEntry {
+  std::string name = {};
+  std::string doc = {};
+  std::vector<Parameter> parameters = {};
+  std::function<std::unique_ptr<NonlinearBackend>(const Parameters&)> make = {};
+};
+
+/// All nonlinear backends.
+const Registry<NonlinearBackendEntry>& nonlinear_backends();
+
+/// Makes a backend by name with default parameters. Throws UsageError for unknown names.
+std::unique_ptr<NonlinearBackend> make_nonlinear_backend(const std::string& name);
+
+}  // namespace variform

@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "tests/energies/energy_suite.h"
+
+#include <Eigen/Dense>
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+
+#include "framework/form/problem.h"
+#include "solvers/linear/linear_backends.h"
+#include "tests/support.h"
+
+namespace variform::testing {
+namespace {
+
+constexpr FacetWeight kWeights[] = {FacetWeight::facet_measure, FacetWeight::facet_measure_unit,
+                                    FacetWeight::finite_volume};
+
+Matrix rest_values(const Domain& domain, int d) {
+  Matrix U = Matrix::Zero(domain.vertex_count(), d);
+  const auto shared = std::min<Eigen::Index>(d, domain.positions().cols());
+  U.leftCols(shared) = domain.positions().leftCols(shared);
+  return U;
+}
+
+// Every vertex on the boundary but some fixed slightly off rest: enough for any energy.
+Constraints wobbly_boundary(const Domain& domain, int d) {
+  Constraints constraints(domain.vertex_count(), d);
+  const Matrix rest = rest_values(domain, d);
+  for (Index v = 0; v < domain.vertex_count(); v += 3) {
+    if (!domain.boundary_vertices()[v]) continue;
+    Eigen::RowVectorXd value = rest.row(v);
+    for (int i = 0; i < d; ++i) value[i] += 0.05 * std::sin(3.0 * v + i);
+    constraints.fix(v, value);
+  }
+  return constraints;
+}
+
+void check_normal_equations(Problem& problem) {
+  const Term& term = problem.terms().front();
+  const SparseMatrix E = term.form.sparse_operator();
+  const Eigen::MatrixXd c = term.form.stacked_targets();
+  const int n = term.form.residuals();
+  // E' W_n E by plain sparse products, component by component: W_n = I_n (x) W is never formed.
+  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(E.cols(), E.cols());
+  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(E.cols(), c.cols());
+  const SparseMatrix W = term.norm->matrix();
+  for (int i = 0; i < n; ++i) {
+    SparseMatrix E_i(term.form.site_count(), E.cols());
+    Eigen::MatrixXd c_i(term.form.site_count(), c.cols());
+    std::vector<Eigen::Triplet<double, Index>> triplets;
+    for (Index j = 0; j < E.outerSize(); ++j) {
+      for (SparseMatrix::InnerIterator it(E, j); it; ++it) {
+        if (it.row() % n == i) triplets.emplace_back(static_cast<Index>(it.row()) / n, j, it.value());
+      }
+    }
+    E_i.setFromTriplets(triplets.begin(), triplets.end());
+    for (Index s = 0; s < term.form.site_count(); ++s) c_i.row(s) = c.row(s * n + i);
+    H += Eigen::MatrixXd(E_i.transpose() * W * E_i);
+    g += E_i.transpose() * W * c_i;
+  }
+  const Eigen::MatrixXd assembled = dense_symmetric(problem.normal_matrix());
+  EXPECT_LT((assembled - H).cwiseAbs().maxCoeff(), 1e-12 * H.cwiseAbs().maxCoeff());
+  EXPECT_LT((problem.normal_right_hand_side() - g).cwiseAbs().maxCoeff(),
+            1e-12 * std::max(1.0, H.cwiseAbs().maxCoeff()));
+}
+
+void check_gradient(Problem& problem, const Domain& domain) {
+  const int d = problem.traits().dimension();
+  const Form& form = problem.terms().front().form;
+  const Matrix U = rest_values(domain, d) + 0.1 * Matrix::Random(domain.vertex_count(), d);
+  const Matrix X = as_unknowns(U, form);
+  const Matrix gradient =
+      2.0 * (problem.normal_matrix().selfadjointView<Eigen::Lower>() * X - problem.normal_right_hand_side());
+  const double scale = gradient.cwiseAbs().maxCoeff();
+  for (int sample = 0; sample < 6; ++sample) {
+    Matrix direction = Matrix::Random(U.rows(), d);
+    const double step = 1e-4;
+    const double difference =
+        (problem.value(U + step * direction).total - problem.value(U - step * direction).total) / (2 * step);
+    const double expected = (gradient.array() * as_unknowns(direction, form).array()).sum();
+    // Quadratic: central differences are exact up to rounding.
+    EXPECT_NEAR(difference, expected, 1e-7 * scale * std::sqrt(static_cast<double>(U.size())));
+  }
+}
+
+void check_kernel(Problem& problem, const Domain& domain) {
+  const Eigen::MatrixXd basis = kernel_basis(problem.traits(), domain);
+  const Eigen::MatrixXd H = dense_symmetric(problem.normal_matrix());
+  EXPECT_LT((H * basis).cwiseAbs().maxCoeff(), 1e-11 * H.cwiseAbs().maxCoeff());
+  const Vector eigenvalues = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues();
+  const auto zeros = (eigenvalues.array() < 1e-11 * eigenvalues.maxCoeff()).count();
+  EXPECT_GE(eigenvalues.minCoeff(), -1e-11 * eigenvalues.maxCoeff());
+  if (problem.traits().kernel != Kernel::other) {
+    EXPECT_EQ(zeros, basis.cols());
+  }
+}
+
+void check_backends(const Domain& domain, const Energy& energy, const NormOptions& norm) {
+  const int d = energy.traits(domain).dimension();
+  Matrix reference;
+  for (const LinearBackendEntry& entry : linear_backends().entries()) {
+    if (!entry.available) continue;
+    Problem problem(domain, energy, norm, wobbly_boundary(domain, d));
+    const auto backend = make_linear_backend(entry.name);
+    const Matrix U = problem.solve(*backend);
+    if (reference.size() == 0) reference = U;
+    EXPECT_LT((U - reference).norm(), 1e-9 * reference.norm()) << entry.name;
+    // The minimizer has no descent direction left among the free vertices.
+    const double at = problem.value(U).total;
+    Matrix moved = U;
+    for (Index v = 0; v < domain.vertex_count(); ++v) {
+      if (!domain.boundary_vertices()[v]) moved.row(v) += 1e-3 * Eigen::RowVectorXd::Random(d);
+    }
+    EXPECT_GE(problem.value(moved).total, at * (1.0 - 1e-12)) << entry.name;
+  }
+}
+
+}  // namespace
+
+Constraints fixed_at(const Domain& domain, int dimension,
+                     const std::vector<std::pair<Index, Eigen::RowVectorXd>>& moves) {
+  Constraints constraints(domain.vertex_count(), dimension);
+  const Matrix rest = rest_values(domain, dimension);
+  for (const auto& [vertex, move] : moves) constraints.fix(vertex, rest.row(vertex) + move);
+  return constraints;
+}
+
+void check_energy(const std::string& label, const Energy& energy, const Domain& domain, bool rest_is_minimal) {
+  const EnergyTraits traits = energy.traits(domain);
+  const int d = traits.dimension();
+  for (const double beta : {0.0, 0.3, 0.9}) {
+    for (const FacetWeight weight : kWeights) {
+      SCOPED_TRACE(fmt::format("{} beta {} {}", label, beta, to_string(weight)));
+      const NormOptions norm{beta, weight};
+      Problem problem(domain, energy, norm, wobbly_boundary(domain, d));
+      const Form& form = problem.terms().front().form;
+      ASSERT_EQ(form.residuals(), traits.residuals);
+      ASSERT_EQ(form.unknowns() * form.columns(), d);
+      ASSERT_EQ(form.site_count(), traits.support == Support::cells ? domain.cell_count() : domain.vertex_count());
+      check_normal_equations(problem);
+      check_gradient(problem, domain);
+      check_kernel(problem, domain);
+      check_backends(domain, energy, norm);
+      if (rest_is_minimal) {
+        const Matrix rest = rest_values(domain, d);
+        EXPECT_LT(problem.value(rest).total, 1e-24 * domain.total_measure() * domain.cell_count());
+        Constraints still(domain.vertex_count(), d);
+        for (Index v = 0; v < domain.vertex_count(); v += 3) {
+          if (domain.boundary_vertices()[v]) still.fix(v, rest.row(v));
+        }
+        Problem at_rest(domain, energy, norm, still);
+        const auto backend = make_linear_backend("eigen.ldlt");
+        EXPECT_LT((at_rest.solve(*backend) - rest).cwiseAbs().maxCoeff(), 1e-12 * domain.diameter());
+      }
+    }
+  }
+}
+
+}  // namespace variform::testing

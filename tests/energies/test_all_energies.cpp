@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gmock/gmock.h>
+
+#include <filesystem>
+#include <fstream>
+#include <regex>
+#include <set>
+#include <sstream>
+
+#include "energies/energies.h"
+#include "energies/gradient/poisson.h"
+#include "framework/base/error.h"
+#include "framework/domain/generators.h"
+#include "framework/form/problem.h"
+#include "solvers/linear/linear_backends.h"
+#include "tests/energies/energy_suite.h"
+
+namespace variform {
+namespace {
+
+std::vector<Domain> small_domains() {
+  return {Domain(rectangle_mesh({.h = 0.2, .jitter = 0.3})), Domain(bar_surface_mesh(1.0, 0.5, 0.5, 0.25)),
+          Domain(bar_tet_mesh(1.0, 1.0, 1.0, 0.5))};
+}
+
+class RegisteredEnergy : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(RegisteredEnergy, PassesTheSuiteOnEveryDomainItTakes) {
+  const EnergyEntry& entry = energies().find(GetParam());
+  int taken = 0;
+  for (const Domain& domain : small_domains()) {
+    if (domain.boundary_facets().rows() == 0) continue;  // the suite constrains boundary vertices
+    const auto energy = entry.make(Parameters(entry.parameters));
+    try {
+      energy->traits(domain);
+    } catch (const UsageError&) {
+      continue;
+    }
+    ++taken;
+    // Default parameters describe deformations that leave the rest pose alone.
+    testing::check_energy(entry.name + " on " + to_string(domain.kind()), *energy, domain, true);
+  }
+  EXPECT_GT(taken, 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, RegisteredEnergy, ::testing::ValuesIn(energies().names()));
+
+TEST(Poisson, PassesTheSuiteOnTetrahedraAndSurfaces) {
+  const std::vector<Domain> domains = small_domains();
+  testing::check_energy("poisson, tetrahedral", *make_poisson(Eigen::MatrixXd(Eigen::Matrix3d::Identity())), domains[2],
+                        true);
+  testing::check_energy("poisson, planar, 1 column", *make_poisson(Eigen::MatrixXd(Eigen::Vector2d(1.0, -2.0))),
+                        domains[0], false);
+}
+
+// An energy with a smoothness of its own passes through the same problem and assembly.
+class SelfRegularized final : public CellEnergy {
+ public:
+  EnergyTraits traits(const Domain&) const override {
+    return {.residuals = 2, .unknowns = 1, .columns = 1, .kernel = Kernel::constants};
+  }
+  void cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const override { E = domain.gradient(t); }
+  std::optional<Term> regularizer(const Domain& domain) const override {
+    // Difference of the values at the two ends of every interior facet.
+    Form form(domain.vertex_count(), domain.facet_vertices(), 1, 1, 1);
+    for (Index f = 0; f < domain.facet_count(); ++f) form.block(f) << 1.0, -1.0;
+    return Term{std::move(form), diagonal_norm(domain.facet_measures())};
+  }
+};
+
+TEST(ProblemSuppliedRegularizer, IsBlendedByBeta) {
+  const Domain domain(rectangle_mesh({.h = 0.2, .jitter = 0.3}));
+  const SelfRegularized energy;
+  Constraints constraints(domain.vertex_count(), 1);
+  constraints.fix(0, Eigen::RowVectorXd::Constant(1, 0.0));
+  constraints.fix(domain.vertex_count() - 1, Eigen::RowVectorXd::Constant(1, 1.0));
+  const double beta = 0.4;
+  Problem problem(domain, energy, {.beta = beta}, constraints);
+  const Matrix u = Matrix::Random(domain.vertex_count(), 1);
+  double variation = 0.0;
+  for (Index f = 0; f < domain.facet_count(); ++f) {
+    const double jump = u(domain.facet_vertices()(f, 0), 0) - u(domain.facet_vertices()(f, 1), 0);
+    variation += domain.facet_measures()[f] * jump * jump;
+  }
+  Problem plain(domain, energy, {.beta = 0.0}, constraints);
+  const EnergyValue value = problem.value(u);
+  EXPECT_NEAR(value.variation, variation, 1e-12 * variation);
+  EXPECT_NEAR(value.plain, plain.value(u).plain, 1e-12);
+  EXPECT_NEAR(value.total, (1 - beta) * value.plain + beta * variation, 1e-12);
+  const auto ldlt = make_linear_backend("eigen.ldlt");
+  const Matrix minimizer = problem.solve(*ldlt);
+  Matrix feasible = u;
+  feasible(0, 0) = feasible(domain.vertex_count() - 1, 0) = 0.0;
+  EXPECT_LT(problem.value(minimizer).total, problem.value(minimizer + 1e-3 * feasible).total);
+  const Vector gradient = problem.normal_matrix().selfadjointView<Eigen::Lower>() * Vector(minimizer);
+  EXPECT_LT(gradient.segment(1, domain.vertex_count() - 2).cwiseAbs().maxCoeff(), 1e-10);
+}
+
+// Every energies/**/*.cpp that describes an energy is in the registry, and nothing else is.
+TEST(EnergyRegistry, ListsEveryEnergyInTheTree) {
+  std::set<std::string> described;
+  const std::regex pattern("EnergyEntry describe_([a-z0-9_]+)\\(\\) *\\{");
+  for (const auto& file : std::filesystem::recursive_directory_iterator(VARIFORM_SOURCE_DIR "/energies")) {
+    if (file.path().extension() != ".cpp") continue;
+    std::stringstream text;
+    text << std::ifstream(file.path()).rdbuf();
+    const std::string source = text.str();
+    for (std::sregex_iterator it(source.begin(), source.end(), pattern); it != std::sregex_iterator(); ++it) {
+      described.insert((*it)[1]);
+    }
+  }
+  std::set<std::string> registered;
+  for (const std::string& name : energies().names())
+    registered.insert(std::regex_replace(name, std::regex("\\."), "_"));
+  EXPECT_EQ(described, registered);
+}
+
+}  // namespace
+}  // namespace variform

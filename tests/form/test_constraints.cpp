@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <Eigen/Dense>
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <limits>
+
+#include "energies/energies.h"
+#include "framework/base/error.h"
+#include "framework/domain/generators.h"
+#include "framework/form/problem.h"
+#include "solvers/linear/linear_backends.h"
+#include "tests/energies/energy_suite.h"
+
+namespace variform {
+namespace {
+
+using ::testing::HasSubstr;
+
+std::unique_ptr<Energy> make(const std::string& name) {
+  const EnergyEntry& entry = energies().find(name);
+  return entry.make(Parameters(entry.parameters));
+}
+
+template <class Action>
+std::string message_of(const Action& action) {
+  try {
+    action();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+Matrix solve(const Domain& domain, const Energy& energy, double beta, const Constraints& constraints,
+             const std::string& backend = "eigen.ldlt") {
+  Problem problem(domain, energy, {.beta = beta}, constraints);
+  const auto linear = make_linear_backend(backend);
+  return problem.solve(*linear);
+}
+
+class ConstraintTest : public ::testing::Test {
+ protected:
+  Domain domain_{rectangle_mesh({.h = 0.2, .jitter = 0.2})};
+  Constraints pinned_ =
+      testing::fixed_at(domain_, 2, {{0, Eigen::RowVector2d(0.0, 0.0)}, {5, Eigen::RowVector2d(0.1, 0.0)}});
+};
+
+TEST_F(ConstraintTest, HardOnesHoldExactly) {
+  for (const std::string name : {"asap", "larap", "arap"}) {
+    const Matrix U = solve(domain_, *make(name), 0.3, pinned_);
+    for (const auto& fixed : pinned_.fixed()) EXPECT_EQ(U.row(fixed.vertex), fixed.value) << name;
+  }
+}
+
+TEST_F(ConstraintTest, SoftOnesApproachTheirTargetLikeOneOverTheWeight) {
+  for (const std::string name : {"larap", "arap"}) {
+    const Eigen::RowVector2d target = domain_.positions().row(30) + Eigen::RowVector2d(0.2, 0.1);
+    const auto error = [&](double weight, const std::string& backend) {
+      Constraints constraints = pinned_;
+      constraints.attract(30, target, weight);
+      return (solve(domain_, *make(name), 0.3, constraints, backend).row(30) - target).norm();
+    };
+    EXPECT_NEAR(std::log10(error(1e4, "eigen.ldlt") / error(1e6, "eigen.ldlt")) / 2.0, 1.0, 0.01) << name;
+#ifdef VARIFORM_TEST_SUITESPARSE
+    EXPECT_NEAR(error(1e2, "spqr"), error(1e2, "eigen.ldlt"), 1e-10) << name;
+#endif
+  }
+}
+
+TEST_F(ConstraintTest, IdentifiedVerticesMoveAsOneAndTheRestIsOptimal) {
+  Constraints constraints = pinned_;
+  constraints.identify(10, 20);
+  constraints.identify(20, 30);
+  for (const std::string name : {"larap", "arap"}) {
+    const auto energy = make(name);
+    const Matrix U = solve(domain_, *energy, 0.3, constraints);
+    EXPECT_EQ(U.row(10), U.row(20));
+    EXPECT_EQ(U.row(10), U.row(30));
+    Problem problem(domain_, *energy, {.beta = 0.3}, constraints);
+    Matrix direction = Matrix::Random(U.rows(), 2);
+    direction.row(0).setZero();
+    direction.row(5).setZero();
+    direction.row(20) = direction.row(30) = direction.row(10);
+    const double step = 1e-4;
+    EXPECT_NEAR((problem.value(U + step * direction).total - problem.value(U - step * direction).total) / (2 * step),
+                0.0, 1e-10);
+  }
+}
+
+TEST_F(ConstraintTest, IdentifiedWithAFixedVertexIsFixed) {
+  Constraints constraints = pinned_;
+  constraints.identify(12, 5);
+  EXPECT_EQ(solve(domain_, *make("larap"), 0.3, constraints).row(12), pinned_.fixed()[1].value);
+}
+
+TEST_F(ConstraintTest, LinearEqualitiesHoldAndTheRestIsOptimal) {
+  Constraints constraints = pinned_;
+  const Eigen::RowVector2d target(0.9, 1.2);
+  constraints.combine({20, 21, 27}, {0.2, 0.3, 0.5}, target);
+  for (const std::string name : {"larap", "arap"}) {
+    const auto energy = make(name);
+    const Matrix U = solve(domain_, *energy, 0.3, constraints, "eigen.lu");
+    EXPECT_LT((0.2 * U.row(20) + 0.3 * U.row(21) + 0.5 * U.row(27) - target).norm(), 1e-12);
+    Problem problem(domain_, *energy, {.beta = 0.3}, constraints);
+    Matrix direction = Matrix::Random(U.rows(), 2);
+    direction.row(0).setZero();
+    direction.row(5).setZero();
+    direction.row(27) = -(0.2 * direction.row(20) + 0.3 * direction.row(21)) / 0.5;
+    const double step = 1e-4;
+    EXPECT_NEAR((problem.value(U + step * direction).total - problem.value(U - step * direction).total) / (2 * step),
+                0.0, 1e-10);
+  }
+}
+
+TEST_F(ConstraintTest, NewValuesNeedNoNewFactorization) {
+  const auto energy = make("larap");
+  Problem problem(domain_, *energy, {.beta = 0.3}, pinned_);
+  const auto linear = make_linear_backend("eigen.ldlt");
+  problem.solve(*linear);
+  Matrix values(2, 2);
+  values << 0.0, 0.0, 1.3, 0.4;
+  problem.set_fixed_values(values);
+  const Matrix U = problem.solve(*linear);
+  EXPECT_EQ(U.row(5), values.row(1));
+  EXPECT_EQ(linear->report().factorizations, 1);
+}
+
+TEST_F(ConstraintTest, AllVerticesFixedReturnsTheConstraints) {
+  Constraints constraints(domain_.vertex_count(), 2);
+  for (Index v = 0; v < domain_.vertex_count(); ++v) constraints.fix(v, 2.0 * domain_.positions().row(v));
+  EXPECT_EQ(solve(domain_, *make("asap"), 0.2, constraints), 2.0 * domain_.positions());
+}
+
+TEST_F(ConstraintTest, BadOnesAreNamed) {
+  Constraints c = pinned_;
+  EXPECT_THAT(message_of([&] { c.fix(36, Eigen::RowVector2d(0, 0)); }),
+              HasSubstr("vertex 36 does not exist; the mesh has vertices 0 to 35"));
+  EXPECT_THAT(message_of([&] { c.fix(-1, Eigen::RowVector2d(0, 0)); }), HasSubstr("vertex -1"));
+  EXPECT_THAT(message_of([&] { c.fix(0, Eigen::RowVector2d(1, 0)); }), HasSubstr("vertex 0 is fixed at both"));
+  EXPECT_THAT(message_of([&] { c.fix(1, Eigen::RowVector3d(1, 0, 0)); }), HasSubstr("expected 2 coordinates, got 3"));
+  EXPECT_THAT(message_of([&] { c.fix(1, Eigen::RowVector2d(std::nan(""), 0)); }), HasSubstr("not finite"));
+  EXPECT_THAT(message_of([&] { c.attract(1, Eigen::RowVector2d(0, 0), -1.0); }), HasSubstr("soft weight -1"));
+  EXPECT_THAT(message_of([&] {
+                c.combine({1, 2}, {1.0}, Eigen::RowVector2d(0, 0));
+              }),
+              HasSubstr("2 vertices with 1 weights"));
+  EXPECT_NO_THROW(c.fix(0, domain_.positions().row(0)));
+}
+
+TEST_F(ConstraintTest, TooFewAreFoundBeforeFactorization) {
+  const Constraints one = testing::fixed_at(domain_, 2, {{0, Eigen::RowVector2d(0, 0)}});
+  EXPECT_THAT(message_of([&] { solve(domain_, *make("asap"), 0.2, one); }),
+              HasSubstr("component 0 of 1 (with cell 0) has 1 constrained vertices, which hold 2 of the 4 motions"));
+  EXPECT_THAT(message_of([&] { solve(domain_, *make("larap"), 0.2, one); }), HasSubstr("hold 2 of the 3 motions"));
+  EXPECT_EQ(message_of([&] { solve(domain_, *make("arap"), 0.2, one); }), "no error");
+  EXPECT_THAT(message_of([&] { solve(domain_, *make("arap"), 0.2, Constraints(domain_.vertex_count(), 2)); }),
+              HasSubstr("too few constraints"));
+}
+
+TEST(ConstraintRank, IsPerComponent) {
+  // Two squares that share one vertex: no facet connects them.
+  Mesh mesh;
+  mesh.positions.resize(7, 2);
+  mesh.positions << 0, 0, 1, 0, 1, 1, 0, 1, 2, 1, 2, 2, 1, 2;
+  mesh.cells.resize(4, 3);
+  mesh.cells << 0, 1, 2, 0, 2, 3, 2, 4, 5, 2, 5, 6;
+  const Domain domain(mesh);
+  ASSERT_EQ(domain.component_count(), 2);
+  const auto energy = make("larap");
+  const Constraints first =
+      testing::fixed_at(domain, 2, {{0, Eigen::RowVector2d(0, 0)}, {1, Eigen::RowVector2d(0, 0)}});
+  EXPECT_THAT(message_of([&] { Problem(domain, *energy, {}, first); }), HasSubstr("component 1 of 2 (with cell 2)"));
+}
+
+}  // namespace
+}  // namespace variform
