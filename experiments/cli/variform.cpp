@@ -195,7 +195,7 @@ ExitCode reproduce(const std::vector<std::string>& places, const RunArguments& a
   Table overview{"Claims", {{"experiment"}, {"statement"}, {"published"}, {"ours"}, {"verdict"}}, {}};
   for (const fs::path& path : find_configs(places)) {
     if (interrupted) break;
-    const std::string name = path.parent_path().filename().string() + "/" + path.stem().string();
+    const std::string name = fs::absolute(path).parent_path().filename().string() + "/" + path.stem().string();
     const auto add = [&](const std::string& statement, const std::string& published, const std::string& ours,
                          const std::string& verdict) {
       Row row;
@@ -300,9 +300,10 @@ ExitCode info(const std::string& file, bool triangulate) {
   for (const std::string& warning : read.warnings) fmt::print(stderr, "warning: {}\n", warning);
   fmt::print("{}: {} vertices, {} {}\n", file, read.mesh.vertex_count(), read.mesh.cell_count(),
              read.mesh.cells.cols() == 4 ? "tetrahedra" : "triangles");
-  const std::vector<Defect> defects = check_mesh(read.mesh);
+  const Mesh mesh = flattened(read.mesh);
+  const std::vector<Defect> defects = check_mesh(mesh);
   for (const Defect& defect : defects) fmt::print("defect: {}\n", defect.message);
-  const MeshRepair repaired = repair_mesh(read.mesh);
+  const MeshRepair repaired = repair_mesh(mesh);
   if (!defects.empty()) {
     for (const std::string& warning : repaired.warnings) fmt::print("repair: {}\n", warning);
     if (const std::vector<Defect> left = check_mesh(repaired.mesh); !left.empty()) {

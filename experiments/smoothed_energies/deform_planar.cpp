@@ -195,6 +195,7 @@ PointResult run(const Config& config) {
   row.set("vertices", integer(domain.vertex_count()));
   row.set("cells", integer(domain.cell_count()));
   row.set("beta", norm.beta);
+  row.set("facet_weight", to_string(norm.facet_weight));
   row.set("energy", value.plain);
   row.set("energy_R", value.variation);
   row.set("energy_W", value.total);
@@ -261,6 +262,7 @@ PipelineEntry describe_deform_planar() {
       .metrics = {{{"vertices"}, "vertices of the mesh"},
                   {{"cells"}, "triangles"},
                   {{"beta"}, "regularization weight of the row"},
+                  {{"facet_weight", "facet weight"}, "weight of residual jumps of the row"},
                   {{"energy", "E_P"}, "unregularized energy, sum of A_t |r_t|^2"},
                   {{"energy_R", "E_R"}, "variation of the residual, sum of b_f |r_l - r_r|^2"},
                   {{"energy_W", "E_W"}, "regularized energy ||r||^2_W"},

@@ -22,16 +22,7 @@ constexpr std::array<std::array<int, 3>, 4> kTetrahedronFacets = {{{1, 2, 3}, {0
 
 DomainKind kind_of(const Mesh& mesh) {
   if (mesh.cells.cols() == 4) return DomainKind::tetrahedral;
-  if (mesh.positions.cols() == 2) return DomainKind::planar;
-  if (mesh.positions.rows() == 0) return DomainKind::surface;
-  const auto z = mesh.positions.col(2);
-  const double extent = (mesh.positions.colwise().maxCoeff() - mesh.positions.colwise().minCoeff()).norm();
-  return z.maxCoeff() - z.minCoeff() <= 1e-12 * extent ? DomainKind::planar : DomainKind::surface;
-}
-
-Mesh adapted(const Mesh& mesh, DomainKind kind) {
-  if (kind != DomainKind::planar || mesh.positions.cols() == 2) return mesh;
-  return {mesh.positions.leftCols(2), mesh.cells};
+  return flattened(mesh).positions.cols() == 2 ? DomainKind::planar : DomainKind::surface;
 }
 
 }  // namespace
@@ -57,7 +48,10 @@ Domain::Domain(const Mesh& mesh, DomainKind kind)
     throw DataError(
         fmt::format("a {} domain needs {} coordinates, the mesh has {}", to_string(kind), p_, mesh.positions.cols()));
   }
-  const Mesh own = adapted(mesh, kind);
+  const Mesh own = kind == DomainKind::planar ? flattened(mesh) : mesh;
+  if (kind == DomainKind::planar && own.positions.cols() != 2) {
+    throw DataError("a planar domain needs a mesh that is flat along x, y or z");
+  }
   if (const std::vector<Defect> defects = check_mesh(own); !defects.empty()) throw DataError(defects.front().message);
   positions_ = own.positions;
   cells_ = own.cells;

@@ -26,7 +26,8 @@ std::string to_string(DomainKind kind);
 class Domain {
  public:
   /// Takes a mesh and derives everything. The kind follows from the mesh: four columns of cells are tetrahedra; two
-  /// columns of positions, or three with a constant third one, are planar; everything else is a surface.
+  /// columns of positions, or three of which one is constant (it is dropped: see flattened), are planar; everything else
+  /// is a surface.
   /// Throws DataError naming vertex, cell or facet when the mesh is not a manifold with consistently oriented,
   /// non-degenerate, distinct cells and no unreferenced vertices (see check_mesh for the complete list).
   explicit Domain(const Mesh& mesh);

@@ -15,4 +15,8 @@ struct Mesh {
   Index cell_count() const { return static_cast<Index>(cells.rows()); }
 };
 
+/// A triangle mesh whose vertices share one of their three coordinates, without it: (x, y), (x, z) or (y, z), positions
+/// vertices x 2. "Share" is up to 1e-12 of the extent. Any other mesh as it is.
+Mesh flattened(const Mesh& mesh);
+
 }  // namespace variform

@@ -7,15 +7,23 @@
 #include <fstream>
 #include <limits>
 
+#include "framework/experiment/json.h"
+
 namespace variform {
 namespace {
 
 using Json = nlohmann::ordered_json;
 
-// JSON has no NaN: null stands for it.
-Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+// JSON has no NaN and no infinities: null and texts stand for them.
+Json number(double value) {
+  if (std::isnan(value)) return nullptr;
+  if (std::isinf(value)) return value > 0.0 ? "inf" : "-inf";
+  return value;
+}
 double number(const Json& json) {
-  return json.is_null() ? std::numeric_limits<double>::quiet_NaN() : json.get<double>();
+  if (json.is_null()) return std::numeric_limits<double>::quiet_NaN();
+  if (json.is_string()) return (json == "-inf" ? -1.0 : 1.0) * std::numeric_limits<double>::infinity();
+  return json.get<double>();
 }
 
 template <class Numbers>
@@ -33,9 +41,14 @@ std::vector<double> numbers(const Json& json) {
 
 template <class M>
 Json dense(const M& matrix) {
-  return {{"rows", matrix.rows()},
-          {"columns", matrix.cols()},
-          {"values", std::vector<typename M::Scalar>(matrix.data(), matrix.data() + matrix.size())}};
+  Json values = Json::array();
+  for (Eigen::Index i = 0; i < matrix.size(); ++i) {
+    if constexpr (std::is_same_v<typename M::Scalar, double>)
+      values.push_back(number(matrix.data()[i]));
+    else
+      values.push_back(matrix.data()[i]);
+  }
+  return {{"rows", matrix.rows()}, {"columns", matrix.cols()}, {"values", values}};
 }
 
 template <class M>
@@ -94,13 +107,10 @@ void save_point(const std::filesystem::path& file, const std::string& config_tex
   for (const Curve& curve : result.history) {
     json["history"].push_back({{"label", curve.label}, {"x", numbers(curve.x)}, {"y", numbers(curve.y)}});
   }
-  json["probes"] = {
-      {"rows", result.probes.rows()},
-      {"columns", result.probes.cols()},
-      {"values", numbers(std::vector<double>(result.probes.data(), result.probes.data() + result.probes.size()))}};
+  json["probes"] = dense(result.probes);
   json["probe_scale"] = result.probe_scale;
   json["warnings"] = result.warnings;
-  write_file(file, json.dump());
+  write_file(file, to_text(json, -1));
 }
 
 std::optional<PointResult> load_point(const std::filesystem::path& file, const std::string& config_text) {
@@ -110,7 +120,9 @@ std::optional<PointResult> load_point(const std::filesystem::path& file, const s
     const Json json = Json::parse(stream);
     if (json.at("config").get<std::string>() != config_text) return std::nullopt;
     PointResult result;
-    for (const Json& entry : json.at("metrics")) result.metrics.set(entry[0].get<std::string>(), value_from(entry[1]));
+    for (const Json& entry : json.at("metrics")) {
+      result.metrics.set(entry.at(0).get<std::string>(), value_from(entry.at(1)));
+    }
     if (json.contains("figure")) {
       const Json& from = json["figure"];
       MeshFigure figure;

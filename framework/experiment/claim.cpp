@@ -10,6 +10,7 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <string_view>
 
 #include "framework/base/error.h"
 
@@ -28,7 +29,7 @@ std::string trimmed(const std::string& text) {
 std::optional<double> parsed_number(const std::string& text) {
   double value = 0.0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value)) return std::nullopt;
   return value;
 }
 
@@ -43,7 +44,9 @@ Value parsed_value(const std::string& text, const std::string& context) {
       fmt::format("condition '{}': '{}' is no number, no quoted string, not true or false", context, text));
 }
 
+// A NaN stands in no relation to anything, not even in !=.
 bool compare(double a, const std::string& relation, double b) {
+  if (std::isnan(a)) return false;
   if (relation == "==") return a == b;
   if (relation == "!=") return a != b;
   if (relation == "<=") return a <= b;
@@ -75,14 +78,6 @@ std::string group_of(const Row& row, const std::vector<std::string>& swept, cons
   return group;
 }
 
-std::vector<std::string> keys_in(const std::string& condition, const std::vector<std::string>& swept) {
-  std::vector<std::string> keys;
-  for (const std::string& key : swept) {
-    if (condition.find(key) != std::string::npos) keys.push_back(key);
-  }
-  return keys;
-}
-
 std::string range_text(const std::vector<double>& values) {
   const auto [low, high] = std::minmax_element(values.begin(), values.end());
   const std::string rows = values.size() == 1 ? "1 row" : fmt::format("{} rows", values.size());
@@ -90,14 +85,24 @@ std::string range_text(const std::vector<double>& values) {
                        : fmt::format("{:.4g} to {:.4g} ({})", *low, *high, rows);
 }
 
+// Whether a comparison ends inside a quoted value: then the " and " behind it is part of the value.
+bool has_open_quote(const std::string& comparison) {
+  const std::size_t open = comparison.find_first_of("\"'");
+  return open != std::string::npos && (comparison.back() != comparison[open] || open + 1 == comparison.size());
+}
+
 }  // namespace
 
 Condition::Condition(const std::string& text) : text_(trimmed(text)) {
+  constexpr std::string_view kJoint = " and ";
   std::string rest = text_;
   while (!rest.empty()) {
-    const std::size_t joint = rest.find(" and ");
+    std::size_t joint = rest.find(kJoint);
+    while (joint != std::string::npos && has_open_quote(trimmed(rest.substr(0, joint)))) {
+      joint = rest.find(kJoint, joint + 1);
+    }
     const std::string part = trimmed(rest.substr(0, joint));
-    rest = joint == std::string::npos ? "" : rest.substr(joint + 5);
+    rest = joint == std::string::npos ? "" : rest.substr(joint + kJoint.size());
     Comparison comparison;
     const std::size_t at = part.find_first_of("=!<>");
     if (at != std::string::npos) {
@@ -115,8 +120,18 @@ Condition::Condition(const std::string& text) : text_(trimmed(text)) {
     comparison.key = trimmed(part.substr(0, at));
     comparison.value = parsed_value(trimmed(part.substr(at + comparison.relation.size())), text_);
     if (comparison.key.empty()) throw UsageError(fmt::format("condition '{}': a key is missing in '{}'", text_, part));
+    if (!std::holds_alternative<double>(comparison.value) && comparison.relation != "==" &&
+        comparison.relation != "!=") {
+      throw UsageError(fmt::format("condition '{}': texts and flags can only be compared by == and !=", text_));
+    }
     comparisons_.push_back(comparison);
   }
+}
+
+std::vector<std::string> Condition::keys() const {
+  std::vector<std::string> keys;
+  for (const Comparison& comparison : comparisons_) keys.push_back(comparison.key);
+  return keys;
 }
 
 bool Condition::holds(const Row& row) const {
@@ -126,10 +141,10 @@ bool Condition::holds(const Row& row) const {
     bool met = false;
     if (std::holds_alternative<std::string>(comparison.value) || std::holds_alternative<bool>(comparison.value)) {
       const bool equal = to_text(*value) == to_text(comparison.value);
-      if (comparison.relation != "==" && comparison.relation != "!=") {
-        throw UsageError(fmt::format("condition '{}': texts and flags can only be compared by == and !=", text_));
-      }
       met = (comparison.relation == "==") == equal;
+    } else if (std::holds_alternative<std::string>(*value)) {
+      throw UsageError(
+          fmt::format("condition '{}': '{}' is the text \"{}\", no number", text_, comparison.key, to_text(*value)));
     } else {
       met = compare(to_number(*value), comparison.relation, std::get<double>(comparison.value));
     }
@@ -160,9 +175,13 @@ Claim read_claim(const ConfigNode& node) {
   if (is_monotone(claim.is)) {
     if (claim.along.empty())
       node.fail(fmt::format("'is' = \"{}\" needs 'along', the key that orders the rows", claim.is));
+    if (claim.any) node.at("quantifier").fail(fmt::format("'is' = \"{}\" is about all rows", claim.is));
   } else {
     node.at("is").located([&] { return parsed_relation(claim.is); });
+    if (node.has("along")) node.at("along").fail(fmt::format("only for {}", fmt::join(kMonotone, ", ")));
   }
+  if (node.has("relative_to") && node.has("minus")) node.fail("expected either 'relative_to' or 'minus'");
+  if (!(claim.tolerance >= 0.0)) node.at("tolerance").fail("expected a number of at least 0");
   return claim;
 }
 
@@ -179,13 +198,17 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
   try {
     const std::string& reference_text = claim.relative_to.empty() ? claim.minus : claim.relative_to;
     std::map<std::string, double> references;
-    const std::vector<std::string> reference_keys = keys_in(reference_text, swept);
+    const Condition reference(reference_text);
+    const std::vector<std::string> reference_keys = reference.keys();
     if (!reference_text.empty()) {
-      const Condition reference(reference_text);
       for (const Row& row : rows) {
         const Value* value = row.find(claim.metric);
-        if (reference.holds(row) && value != nullptr)
-          references[group_of(row, swept, reference_keys)] = to_number(*value);
+        if (!reference.holds(row) || value == nullptr) continue;
+        const std::string group = group_of(row, swept, reference_keys);
+        if (!references.emplace(group, to_number(*value)).second) {
+          verdict.reason = fmt::format("more than one row fulfils '{}' [{}]", reference_text, group);
+          return verdict;
+        }
       }
     }
     struct Point {
@@ -199,18 +222,28 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
       const Value* value = row.find(claim.metric);
       double number = value == nullptr ? std::nan("") : to_number(*value);
       if (!reference_text.empty()) {
-        const auto found = references.find(group_of(row, swept, reference_keys));
-        if (found == references.end())
-          number = std::nan("");
-        else
-          number = claim.relative_to.empty() ? number - found->second : number / found->second;
+        const std::string group = group_of(row, swept, reference_keys);
+        const auto found = references.find(group);
+        if (found == references.end()) {
+          verdict.reason = fmt::format("no row with '{}' fulfils '{}' [{}]", claim.metric, reference_text, group);
+          return verdict;
+        }
+        number = claim.relative_to.empty() ? number - found->second : number / found->second;
       }
       if (!std::isfinite(number)) {
         verdict.reason = fmt::format("'{}' is not a number in a row that counts", claim.metric);
         return verdict;
       }
-      const Value* along = claim.along.empty() ? nullptr : row.find(claim.along);
-      points.push_back({group_of(row, swept, {claim.along}), along == nullptr ? 0.0 : to_number(*along), number});
+      double place = 0.0;
+      if (!claim.along.empty()) {
+        const Value* along = row.find(claim.along);
+        place = along == nullptr ? std::nan("") : to_number(*along);
+        if (std::isnan(place)) {
+          verdict.reason = fmt::format("'{}' is not a number in a row that counts", claim.along);
+          return verdict;
+        }
+      }
+      points.push_back({group_of(row, swept, {claim.along}), place, number});
     }
     if (points.empty()) {
       verdict.reason = "no row matches";
@@ -221,13 +254,20 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
     verdict.ours = range_text(values);
     bool holds = !claim.any;
     if (is_monotone(claim.is)) {
+      holds = true;
+      std::map<std::string, int> sizes;
+      for (const Point& point : points) ++sizes[point.group];
+      for (const auto& [group, size] : sizes) {
+        if (size < 2) {
+          verdict.reason = fmt::format("fewer than two rows along '{}' [{}]", claim.along, group);
+          return verdict;
+        }
+      }
       std::stable_sort(points.begin(), points.end(), [](const Point& a, const Point& b) {
         return a.group != b.group ? a.group < b.group : a.along < b.along;
       });
-      int steps = 0;
       for (std::size_t i = 1; i < points.size(); ++i) {
         if (points[i].group != points[i - 1].group) continue;
-        ++steps;
         const double slack = claim.tolerance * std::max(std::abs(points[i].value), std::abs(points[i - 1].value));
         const double change = points[i].value - points[i - 1].value;
         bool step = false;
@@ -244,10 +284,6 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
           verdict.reason = fmt::format("{:.6g} is followed by {:.6g} at {} = {:.4g} [{}]", points[i - 1].value,
                                        points[i].value, claim.along, points[i].along, points[i].group);
         }
-      }
-      if (steps == 0) {
-        verdict.reason = fmt::format("fewer than two rows along '{}'", claim.along);
-        return verdict;
       }
     } else {
       const auto [relation, bound] = parsed_relation(claim.is);

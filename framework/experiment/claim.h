@@ -21,6 +21,8 @@ class Condition {
   /// Throws UsageError naming the key when the row lacks it.
   bool holds(const Row& row) const;
   const std::string& text() const { return text_; }
+  /// The keys it compares.
+  std::vector<std::string> keys() const;
 
  private:
   struct Comparison {
@@ -39,12 +41,13 @@ class Condition {
 ///   published = "none"                     # optional: the source's number or words
 ///   where     = "norm.beta > 0"            # optional: which rows
 ///   metric    = "flipped"
-///   is        = "== 0"                     # == != < <= > >= NUMBER, or nonincreasing, nondecreasing, increasing,
-///   decreasing quantifier = "all"                     # optional: all (default) or any of the rows relative_to =
-///   "norm.beta == 0"         # optional: divide by the metric of this row (other swept keys equal) minus       =
-///   "norm.beta == 0"         # optional: subtract it instead along     = "norm.beta"                # for the four
-///   monotone relations: order of rows, other swept keys equal tolerance = 1e-9                       # optional slack
-///   of monotone relations, relative
+///   is        = "== 0"                     # == != < <= > >= NUMBER, or
+///                                          # nonincreasing, nondecreasing, increasing, decreasing
+///   quantifier  = "all"                    # optional: all (default) or any of the rows
+///   relative_to = "norm.beta == 0"         # optional: divide by the metric of this row (other swept keys equal)
+///   minus       = "norm.beta == 0"         # optional: subtract it instead
+///   along     = "norm.beta"                # for the four monotone relations: order of rows, other swept keys equal
+///   tolerance = 1e-9                       # optional slack of monotone relations, relative
 struct Claim {
   std::string text;
   std::string published;
@@ -62,8 +65,9 @@ struct Claim {
 /// Reads a [[claim]] table; throws UsageError with its place when it makes no sense.
 Claim read_claim(const ConfigNode& node);
 
-/// Decides a claim. swept: the swept keys, by which rows are matched to each other. A claim that no row can decide
-/// (nothing matches, a metric is missing or not a number) is undecided with the reason, never held.
+/// Decides a claim. swept: the swept keys, by which rows are matched to each other. A claim that the rows cannot decide
+/// (nothing matches, a metric is missing or not a number, no or several rows to refer to, fewer than two rows in a
+/// group along a key) is undecided with the reason, never held.
 Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vector<std::string>& swept);
 
 }  // namespace variform

@@ -9,6 +9,7 @@
 #include <cctype>
 #include <cmath>
 #include <fstream>
+#include <new>
 #include <sstream>
 
 #include "framework/base/error.h"
@@ -20,11 +21,14 @@ ConfigValue converted(const toml::node& node, const std::string& file) {
   ConfigValue value;
   value.line = static_cast<int>(node.source().begin.line);
   if (const auto* table = node.as_table()) {
+    // toml++ sorts keys by name; the order of the file decides the order of a sweep.
+    std::vector<std::pair<toml::source_position, const toml::key*>> order;
+    for (const auto& [key, child] : *table) order.emplace_back(child.source().begin, &key);
+    std::stable_sort(order.begin(), order.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     ConfigValue::Table entries;
-    for (const auto& [key, child] : *table) entries.emplace_back(std::string(key.str()), converted(child, file));
-    // toml++ sorts keys; the order of the file reads better.
-    std::stable_sort(entries.begin(), entries.end(),
-                     [](const auto& a, const auto& b) { return a.second.line < b.second.line; });
+    for (const auto& [position, key] : order) {
+      entries.emplace_back(std::string(key->str()), converted(*table->get(key->str()), file));
+    }
     value.data = std::move(entries);
   } else if (const auto* array = node.as_array()) {
     ConfigValue::Array entries;
@@ -61,7 +65,13 @@ std::string quoted(const std::string& text) {
       case '\n': result += "\\n"; break;
       case '\t': result += "\\t"; break;
       case '\r': result += "\\r"; break;
-      default: result += c;
+      default:
+        // Other control characters are not allowed as they are.
+        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) {
+          result += fmt::format("\\u{:04X}", static_cast<unsigned>(c));
+        } else {
+          result += c;
+        }
     }
   }
   return result + "\"";
@@ -80,16 +90,23 @@ bool is_table_array(const ConfigValue& value) {
          std::all_of(array->begin(), array->end(), [](const ConfigValue& v) { return v.is_table(); });
 }
 
+bool has_header(const ConfigValue& value) { return value.is_table() || is_table_array(value); }
+
 void write_table(const ConfigValue::Table& table, const std::string& prefix, std::string& out) {
-  for (const auto& [key, value] : table) {
-    if (!value.is_table() && !is_table_array(value)) out += fmt::format("{} = {}\n", key_text(key), value.text());
+  // Whatever follows a header belongs to it: tables in front of a plain value are written inline, so that the order of
+  // keys stays.
+  std::size_t headers = table.size();
+  while (headers > 0 && has_header(table[headers - 1].second)) --headers;
+  for (std::size_t i = 0; i < headers; ++i) {
+    out += fmt::format("{} = {}\n", key_text(table[i].first), table[i].second.text());
   }
-  for (const auto& [key, value] : table) {
+  for (std::size_t i = headers; i < table.size(); ++i) {
+    const auto& [key, value] = table[i];
     const std::string path = prefix.empty() ? key_text(key) : prefix + "." + key_text(key);
     if (value.is_table()) {
       out += fmt::format("\n[{}]\n", path);
       write_table(std::get<ConfigValue::Table>(value.data), path, out);
-    } else if (is_table_array(value)) {
+    } else {
       for (const ConfigValue& element : std::get<ConfigValue::Array>(value.data)) {
         out += fmt::format("\n[[{}]]\n", path);
         write_table(std::get<ConfigValue::Table>(element.data), path, out);
@@ -153,7 +170,7 @@ std::string ConfigValue::text() const {
   if (const auto* table = std::get_if<Table>(&data)) {
     std::vector<std::string> parts;
     for (const auto& [key, value] : *table) parts.push_back(fmt::format("{} = {}", key_text(key), value.text()));
-    return fmt::format("{{ {} }}", fmt::join(parts, ", "));
+    return parts.empty() ? "{}" : fmt::format("{{ {} }}", fmt::join(parts, ", "));
   }
   if (const auto* flag = std::get_if<bool>(&data)) return *flag ? "true" : "false";
   if (const auto* integer = std::get_if<std::int64_t>(&data)) return fmt::format("{}", *integer);
@@ -176,9 +193,14 @@ void ConfigNode::rethrow_located(const std::exception& error) const {
   if (const auto* known = dynamic_cast<const Error*>(&error)) {
     const std::string message = known->what();
     // A message that already names this file is complete.
-    if (message.rfind(file_, 0) == 0) throw Error(known->exit_code(), message);
-    throw Error(known->exit_code(), place() + ": " + message);
+    const std::string complete = message.rfind(file_, 0) == 0 ? message : place() + ": " + message;
+    switch (known->exit_code()) {
+      case ExitCode::data: throw DataError(complete);
+      case ExitCode::solver: throw SolverError(complete);
+      default: throw UsageError(complete);
+    }
   }
+  if (dynamic_cast<const std::bad_alloc*>(&error) != nullptr) throw;
   throw UsageError(place() + ": " + error.what());
 }
 
@@ -330,8 +352,12 @@ void Config::set(const std::string& path, const ConfigValue& value) {
         std::find_if(table->begin(), table->end(), [&](const auto& entry) { return entry.first == parts[i].key; });
     if (found == table->end()) {
       if (parts[i].index >= 0) throw UsageError(fmt::format("key '{}': there is no array '{}'", path, parts[i].key));
-      table->emplace_back(parts[i].key, ConfigValue{});
-      at = &table->back().second;
+      // Plain values go in front of sub-tables, where a person would write them.
+      const bool plain = i + 1 == parts.size() && !has_header(value);
+      const auto place = plain ? std::find_if(table->begin(), table->end(),
+                                              [](const auto& entry) { return has_header(entry.second); })
+                               : table->end();
+      at = &table->emplace(place, parts[i].key, ConfigValue{})->second;
     } else {
       at = &found->second;
     }

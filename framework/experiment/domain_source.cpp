@@ -123,7 +123,7 @@ Mesh read_and_repaired(const ConfigNode& node, const std::filesystem::path& fold
     }
   }
   try {
-    MeshRepair repaired = repair_mesh(read.mesh, repairs);
+    MeshRepair repaired = repair_mesh(flattened(read.mesh), repairs);
     for (const std::string& warning : repaired.warnings) warnings.push_back(file.filename().string() + ": " + warning);
     return repaired.mesh;
   } catch (const DataError& error) {

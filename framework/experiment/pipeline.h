@@ -50,6 +50,9 @@ struct PipelineEntry {
   std::vector<Metric> metrics = {};
   /// Runs one point. mesh files are looked up through find_input. Throws Error.
   std::function<PointResult(const Config&)> run = {};
+  /// Optional: throws UsageError for whatever is wrong with a point's config and can be known without running it. All
+  /// points are checked before the first one runs.
+  std::function<void(const Config&)> check = {};
 };
 
 /// Resolves a file named in a config: absolute, relative to the config's folder, or in one of the folders of the

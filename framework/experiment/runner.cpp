@@ -71,6 +71,9 @@ struct Plan {
     for (const SweptKey& swept : sweep) keys.push_back(swept.key);
     return keys;
   }
+  bool is_swept(const std::string& key) const {
+    return std::any_of(sweep.begin(), sweep.end(), [&](const SweptKey& swept) { return swept.key == key; });
+  }
   int point_count() const {
     int count = 1;
     for (const SweptKey& swept : sweep) count *= static_cast<int>(swept.values.size());
@@ -78,20 +81,43 @@ struct Plan {
   }
 };
 
-void read_sweep(const ConfigNode& node, const std::string& prefix, std::vector<SweptKey>& sweep) {
+constexpr int kMaxPoints = 100000;
+
+// A key whose value the runner sets must lead into a section that the pipeline reads: anything else would be a sweep of
+// equal points.
+void check_key(const ConfigNode& place, const std::string& key, const ConfigValue& value, const Config& config,
+               const Plan& plan) {
+  const std::string section = key.substr(0, key.find_first_of(".["));
+  const std::vector<std::string>& sections = plan.pipeline->sections;
+  if (std::find(sections.begin(), sections.end(), section) == sections.end()) {
+    place.fail(fmt::format("'{}' is in no section of pipeline '{}'; its sections: {}", key, plan.pipeline->name,
+                           fmt::join(sections, ", ")));
+  }
+  if (plan.is_swept(key)) place.fail(fmt::format("'{}' is swept already", key));
+  place.located([&] {
+    Config changed = config;
+    changed.set(key, value);
+    return 0;
+  });
+}
+
+void read_sweep(const ConfigNode& node, const std::string& prefix, const Config& config, Plan& plan) {
   for (const ConfigNode& child : node.children()) {
     // The last part of the path as it stands: keys such as "energy.type" may be quoted or nested tables.
     const std::string name = child.path().substr(node.path().size() + 1);
     const std::string key = prefix.empty() ? name : prefix + "." + name;
     if (child.value().is_table()) {
-      read_sweep(child, key, sweep);
+      read_sweep(child, key, config, plan);
       continue;
     }
     SweptKey swept{key, {}};
     for (const ConfigNode& element : child.elements()) swept.values.push_back(element.value());
     if (swept.values.empty()) child.fail("expected at least one value");
-    if (swept.values.size() > 100000) child.fail("more than 100000 values");
-    sweep.push_back(swept);
+    if (swept.values.size() > static_cast<std::size_t>(kMaxPoints / plan.point_count())) {
+      child.fail(fmt::format("the sweep has more than {} points", kMaxPoints));
+    }
+    check_key(child, key, swept.values.front(), config, plan);
+    plan.sweep.push_back(swept);
   }
 }
 
@@ -106,7 +132,7 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
   plan.title = root.string_or("title", fs::path(config.file()).stem().string());
   plan.source = root.string_or("source", "");
   if (root.has("requires")) root.at("requires").strings();
-  if (root.has("sweep")) read_sweep(root.at("sweep"), "", plan.sweep);
+  if (root.has("sweep")) read_sweep(root.at("sweep"), "", config, plan);
   if (root.has("bisect")) {
     const ConfigNode node = root.at("bisect");
     node.accept_keys({"key", "low", "high", "tolerance", "until"});
@@ -116,7 +142,10 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
     bisection.high = node.at("high").number();
     bisection.tolerance = node.number_or("tolerance", 1e-3);
     bisection.until = node.at("until").located([&] { return Condition(node.at("until").string()); });
-    if (!(bisection.low < bisection.high)) node.fail("expected low < high");
+    check_key(node.at("key"), bisection.key, ConfigValue{bisection.low, 0}, config, plan);
+    if (!(bisection.low < bisection.high && std::isfinite(bisection.high - bisection.low))) {
+      node.fail("expected low < high");
+    }
     if (!(bisection.tolerance > 0.0)) node.at("tolerance").fail("expected a positive number");
     plan.bisection = bisection;
   }
@@ -124,7 +153,11 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
     const ConfigNode node = root.at("compare");
     node.accept_keys({"reference"});
     plan.reference = node.at("reference").string();
-    node.at("reference").located([&] { return Condition(plan.reference); });
+    const Condition reference = node.at("reference").located([&] { return Condition(plan.reference); });
+    for (const std::string& key : reference.keys()) {
+      if (!plan.is_swept(key)) node.at("reference").fail(fmt::format("'{}' is not swept", key));
+    }
+    if (plan.reference.empty()) node.at("reference").fail("expected a condition on swept keys");
   }
   if (root.has("claim")) {
     for (const ConfigNode& node : root.at("claim").elements()) plan.claims.push_back(read_claim(node));
@@ -163,8 +196,14 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
     if (node.has("rates")) {
       for (const ConfigNode& rate : node.at("rates").children()) plan.rates.emplace_back(rate.name(), rate.string());
     }
-    if (node.has("max_panels")) plan.max_panels = static_cast<int>(node.at("max_panels").integer());
-    if (node.has("panel_columns")) plan.panel_columns = static_cast<int>(node.at("panel_columns").integer());
+    const auto count = [&](const char* key, int fallback) {
+      if (!node.has(key)) return fallback;
+      const std::int64_t value = node.at(key).integer();
+      if (value < 0 || value > 1000) node.at(key).fail("expected an integer from 0 to 1000");
+      return static_cast<int>(value);
+    };
+    plan.max_panels = count("max_panels", plan.max_panels);
+    plan.panel_columns = count("panel_columns", plan.panel_columns);
     const std::string colour = node.string_or("colour", "logarithmic");
     if (colour != "logarithmic" && colour != "linear") node.at("colour").fail("expected \"logarithmic\" or \"linear\"");
     plan.logarithmic = colour == "logarithmic";
@@ -196,6 +235,19 @@ Config point_config(const Config& config, const Plan& plan, int point, Row& swep
   return result;
 }
 
+void check_points(const Config& config, const Plan& plan) {
+  if (!plan.pipeline->check) return;
+  for (int point = 0; point < plan.point_count(); ++point) {
+    Row ignored;
+    Config at = point_config(config, plan, point, ignored);
+    if (plan.bisection) at.set(plan.bisection->key, ConfigValue{plan.bisection->low, 0});
+    plan.pipeline->check(at);
+    if (!plan.bisection) continue;
+    at.set(plan.bisection->key, ConfigValue{plan.bisection->high, 0});
+    plan.pipeline->check(at);
+  }
+}
+
 PointResult bisect(const PipelineEntry& pipeline, const Config& config, const Bisection& bisection) {
   int runs = 0;
   const auto at = [&](double value) {
@@ -215,6 +267,7 @@ PointResult bisect(const PipelineEntry& pipeline, const Config& config, const Bi
     found = bisection.until.holds(result.metrics);
     while (found && high - low > bisection.tolerance) {
       const double middle = 0.5 * (low + high);
+      if (middle <= low || middle >= high) break;  // the tolerance asks for more than doubles have
       PointResult trial = at(middle);
       if (bisection.until.holds(trial.metrics)) {
         high = middle;
@@ -256,14 +309,16 @@ std::string group_text(const Row& row, const std::vector<std::string>& keys) {
 // Largest distance of images of probe points between each row and the reference row of its group.
 void compare_probes(const Plan& plan, const std::vector<PointResult>& results, Record& record) {
   const Condition reference(plan.reference);
+  const std::vector<std::string> keys = reference.keys();
   std::vector<std::string> others;
   for (const std::string& key : plan.swept_keys()) {
-    if (plan.reference.find(key) == std::string::npos) others.push_back(key);
+    if (std::find(keys.begin(), keys.end(), key) == keys.end()) others.push_back(key);
   }
   std::map<std::string, std::size_t> references;
   for (std::size_t i = 0; i < results.size(); ++i) {
     if (reference.holds(record.rows[i])) references.emplace(group_text(record.rows[i], others), i);
   }
+  if (references.empty()) record.warnings.push_back(fmt::format("compare: no row fulfils '{}'", plan.reference));
   for (std::size_t i = 0; i < results.size(); ++i) {
     double largest = std::nan("");
     std::int64_t common = 0;
@@ -355,13 +410,45 @@ void draw_figures(const Plan& plan, const std::vector<PointResult>& results, con
     if (!plot.curves.empty()) add_plot(plot, "history", folder, record);
   }
   for (const PlotRequest& request : plan.plots) {
-    const LinePlot plot = line_plot(request, record.rows);
-    if (plot.curves.empty())
-      record.warnings.push_back(
-          fmt::format("plot '{}': no row has both '{}' and '{}'", request.name, request.x, request.y));
-    else
-      add_plot(plot, request.name, folder, record);
+    try {
+      const LinePlot plot = line_plot(request, record.rows);
+      if (plot.curves.empty())
+        record.warnings.push_back(
+            fmt::format("plot '{}': no row has both '{}' and '{}'", request.name, request.x, request.y));
+      else
+        add_plot(plot, request.name, folder, record);
+    } catch (const UsageError& error) {  // a condition that rows cannot decide must not cost the results
+      record.warnings.push_back(fmt::format("plot '{}': {}", request.name, error.what()));
+    }
   }
+}
+
+// Rows next to each other in the table differ in the size alone, where the size is swept: rates are those of a group of
+// rows that agree in all other swept keys.
+Table convergence_table(const Plan& plan, const std::string& metric, const std::string& size,
+                        const std::vector<Row>& rows) {
+  std::vector<std::string> others = plan.swept_keys();
+  const bool grouped = std::erase(others, size) > 0;
+  if (!grouped) others.clear();
+  std::vector<std::pair<std::string, Table>> groups;
+  for (const Row& row : rows) {
+    const std::string name = group_text(row, others);
+    auto group = std::find_if(groups.begin(), groups.end(), [&](const auto& g) { return g.first == name; });
+    if (group == groups.end()) group = groups.insert(groups.end(), {name, Table()});
+    group->second.rows.push_back(row);
+  }
+  Table table{fmt::format("Convergence of {} with {}", metric, size), {}, {}};
+  for (const std::string& key : plan.swept_keys()) table.columns.push_back({key});
+  if (!grouped) table.columns.push_back({size});
+  table.columns.push_back({metric});
+  const std::vector<Column> columns = table.columns;
+  for (auto& [name, group] : groups) {
+    group.columns = columns;
+    add_convergence_rate(group, metric, size);
+    table.columns = group.columns;
+    table.rows.insert(table.rows.end(), group.rows.begin(), group.rows.end());
+  }
+  return table;
 }
 
 std::string cpu_model() {
@@ -420,12 +507,15 @@ fs::path find_input(const std::string& name, const fs::path& config_folder) {
 }
 
 int check_experiment(const Config& config, const Registry<PipelineEntry>& pipelines) {
-  return read_plan(config, pipelines).point_count();
+  const Plan plan = read_plan(config, pipelines);
+  check_points(config, plan);
+  return plan.point_count();
 }
 
 Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipelines, const RunOptions& options) {
   const Stopwatch watch;
   const Plan plan = read_plan(config, pipelines);
+  check_points(config, plan);
   Record record;
   record.title = plan.title;
   record.source = plan.source;
@@ -440,6 +530,12 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
     fs::create_directories(options.folder / sub, failed);
     if (failed)
       throw DataError(fmt::format("{}: cannot be created: {}", (options.folder / sub).string(), failed.message()));
+  }
+  // A record there is one of an earlier run: it must not pass for this one, should this one fail.
+  fs::remove(options.folder / "record.json", failed);
+  if (failed) {
+    throw DataError(
+        fmt::format("{}: cannot be replaced: {}", (options.folder / "record.json").string(), failed.message()));
   }
 
   const int total = plan.point_count();
@@ -457,17 +553,20 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
     const fs::path checkpoint = options.folder / "points" / (name + ".json");
     const std::string mesh = "meshes/" + name + ".obj";
     std::optional<PointResult> result;
-    if (options.resume && fs::exists(options.folder / mesh)) result = load_point(checkpoint, key);
+    if (options.resume) result = load_point(checkpoint, key);
+    // Only the mesh itself is not in the checkpoint.
+    if (result && result->metrics.find("mesh") != nullptr && !fs::exists(options.folder / mesh)) result.reset();
     if (!result) {
+      fs::remove(checkpoint, failed);  // it does not belong to the mesh that is written next
       result = plan.bisection ? bisect(*plan.pipeline, at, *plan.bisection) : plan.pipeline->run(at);
       if (result->mesh.cell_count() > 0) {
         write_mesh(options.folder / mesh, result->mesh);
         write_mesh(options.folder / "meshes" / (name + ".vtu"), result->mesh, result->fields);
+        result->metrics.set("mesh", mesh);
       }
       save_point(checkpoint, key, *result);
     }
     for (const auto& [metric, value] : result->metrics.entries()) row.set(metric, value);
-    if (fs::exists(options.folder / mesh)) row.set("mesh", mesh);
     for (const std::string& warning : result->warnings) {
       const std::string where = group_text(row, plan.swept_keys());
       record.warnings.push_back(where.empty() ? warning : where + ": " + warning);
@@ -491,14 +590,7 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
     record.verdicts.push_back(verdict);
   }
   for (const auto& [metric, size] : plan.rates) {
-    Table table{fmt::format("Convergence of {} with {}", metric, size), {}, record.rows};
-    for (const std::string& key : plan.swept_keys()) table.columns.push_back({key});
-    if (std::none_of(table.columns.begin(), table.columns.end(), [&](const Column& c) { return c.key == size; })) {
-      table.columns.push_back({size});
-    }
-    table.columns.push_back({metric});
-    add_convergence_rate(table, metric, size);
-    record.tables.push_back(table);
+    record.tables.push_back(convergence_table(plan, metric, size, record.rows));
   }
   if (options.figures) draw_figures(plan, results, options.folder, record);
   add_provenance(config, watch.seconds(), record);

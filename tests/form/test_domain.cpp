@@ -35,6 +35,20 @@ TEST(Domain, KindFollowsFromTheMesh) {
   EXPECT_EQ(domains[2].kind(), DomainKind::tetrahedral);
 }
 
+TEST(Domain, FlatMeshesOfAnyAxisArePlanar) {
+  const Mesh flat = rectangle_mesh({.width = 2.0, .h = 0.25});
+  for (const int axis : {0, 1, 2}) {
+    Mesh mesh{Matrix::Constant(flat.positions.rows(), 3, 0.7), flat.cells};
+    mesh.positions.col(axis == 0 ? 1 : 0) = flat.positions.col(0);
+    mesh.positions.col(axis == 2 ? 1 : 2) = flat.positions.col(1);
+    const Domain domain(mesh);
+    EXPECT_EQ(domain.kind(), DomainKind::planar) << axis;
+    EXPECT_EQ(domain.positions(), flat.positions) << axis;
+    mesh.positions(3, axis) += 1e-6;
+    EXPECT_EQ(Domain(mesh).kind(), DomainKind::surface) << axis;
+  }
+}
+
 TEST(Domain, GradientsReproduceAffineFunctionsAndKillConstants) {
   for (const Domain& domain : all_kinds()) {
     const int p = domain.ambient_dimension();
