@@ -33,7 +33,11 @@ namespace fs = std::filesystem;
 
 std::atomic<bool> interrupted{false};
 
-void on_interrupt(int) { interrupted = true; }
+// The first signal stops at the next point; a second one stops at once.
+void on_interrupt(int signal) {
+  interrupted = true;
+  std::signal(signal, SIG_DFL);
+}
 
 // GPL as soon as a backend that is GPL is linked in.
 std::string effective_licence() {
@@ -119,6 +123,7 @@ Config configured(const RunArguments& arguments) {
 }
 
 Record run_config(const Config& config, const RunArguments& arguments) {
+  if (arguments.out.empty()) throw UsageError("--out: expected a folder");
   return run_experiment(config, pipelines(),
                         {.folder = arguments.out,
                          .figures = !arguments.no_figures,
@@ -231,6 +236,9 @@ ExitCode reproduce(const std::vector<std::string>& places, const RunArguments& a
       worst = static_cast<int>(error.exit_code()) > static_cast<int>(worst) ? error.exit_code() : worst;
     }
   }
+  std::error_code error;
+  fs::create_directories(arguments.out, error);
+  if (error) throw DataError(fmt::format("{}: cannot be created: {}", arguments.out, error.message()));
   write_file(fs::path(arguments.out) / "claims.md", overview.markdown());
   write_file(fs::path(arguments.out) / "claims.csv", overview.csv());
   fmt::print("{}\n{} claims, {} of them not held; {} experiments with errors\n", overview.markdown(), all.size(),

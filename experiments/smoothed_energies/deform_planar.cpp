@@ -40,7 +40,7 @@ std::vector<Parameter> solver_parameters() {
        .doc = "nonlinear backend",
        .choices = nonlinear_backends().names()},
       {.name = "tolerance", .value = 1e-6, .doc = "largest step at convergence, relative to the diameter", .min = 0.0},
-      {.name = "max_iterations", .value = std::int64_t{500}, .doc = "of the nonlinear backend", .min = 1.0},
+      {.name = "max_iterations", .value = std::int64_t{500}, .doc = "of the nonlinear backend", .min = 1.0, .max = 1e9},
       {.name = "start", .value = std::string("rest"), .doc = "where nonlinear backends start", .choices = kStarts}};
 }
 
@@ -92,6 +92,24 @@ Solver read_solver(const Config& config) {
   return solver;
 }
 
+std::vector<ConfigNode> constraint_tables(const Config& config) {
+  return config.root().has("constraint") ? config.root().at("constraint").elements() : std::vector<ConfigNode>();
+}
+
+Index read_lattice(const Config& config) {
+  if (!config.root().has("probe")) return 0;
+  return static_cast<Index>(config.root().at("probe").parameters(kProbeParameters).integer("lattice"));
+}
+
+void check(const Config& config) {
+  check_domain(config.root().at("domain"));
+  read_energy(config.root().at("energy"));
+  read_norm(config);
+  read_solver(config);
+  check_constraints(constraint_tables(config));
+  read_lattice(config);
+}
+
 // Images of a lattice of points of the bounding box under the map, NaN outside the domain.
 Matrix probe(const Domain& domain, const Matrix& U, Index lattice) {
   Matrix images = Matrix::Constant(lattice * lattice, 2, std::nan(""));
@@ -140,11 +158,8 @@ PointResult run(const Config& config) {
   const auto energy = read_energy(root.at("energy"));
   const NormOptions norm = read_norm(config);
   Solver solver = read_solver(config);
-  const std::vector<ConfigNode> tables =
-      root.has("constraint") ? root.at("constraint").elements() : std::vector<ConfigNode>();
-  LoadedConstraints constraints = load_constraints(tables, domain);
-  const Index lattice =
-      root.has("probe") ? static_cast<Index>(root.at("probe").parameters(kProbeParameters).integer("lattice")) : 0;
+  LoadedConstraints constraints = load_constraints(constraint_tables(config), domain);
+  const Index lattice = read_lattice(config);
 
   PointResult result;
   result.warnings = loaded.warnings;
@@ -296,7 +311,8 @@ PipelineEntry describe_deform_planar() {
                   {{"seconds_total", "total", "s", 3}, "wall time of the point"},
                   {{"map_difference"},
                    "with [compare]: largest distance of probe images from the reference, by the diameter"}},
-      .run = run};
+      .run = run,
+      .check = check};
 }
 
 }  // namespace variform

@@ -182,6 +182,14 @@ std::string ConfigValue::text() const {
   return quoted(std::get<std::string>(data));
 }
 
+void throw_error(ExitCode code, const std::string& message) {
+  switch (code) {
+    case ExitCode::data: throw DataError(message);
+    case ExitCode::solver: throw SolverError(message);
+    default: throw UsageError(message);
+  }
+}
+
 std::string ConfigNode::place() const {
   const std::string line = value_->line > 0 ? fmt::format("{}:{}", file_, value_->line) : file_;
   return path_.empty() ? line : fmt::format("{}: key '{}'", line, path_);
@@ -194,11 +202,7 @@ void ConfigNode::rethrow_located(const std::exception& error) const {
     const std::string message = known->what();
     // A message that already names this file is complete.
     const std::string complete = message.rfind(file_, 0) == 0 ? message : place() + ": " + message;
-    switch (known->exit_code()) {
-      case ExitCode::data: throw DataError(complete);
-      case ExitCode::solver: throw SolverError(complete);
-      default: throw UsageError(complete);
-    }
+    throw_error(known->exit_code(), complete);
   }
   if (dynamic_cast<const std::bad_alloc*>(&error) != nullptr) throw;
   throw UsageError(place() + ": " + error.what());
@@ -354,9 +358,9 @@ void Config::set(const std::string& path, const ConfigValue& value) {
       if (parts[i].index >= 0) throw UsageError(fmt::format("key '{}': there is no array '{}'", path, parts[i].key));
       // Plain values go in front of sub-tables, where a person would write them.
       const bool plain = i + 1 == parts.size() && !has_header(value);
-      const auto place = plain ? std::find_if(table->begin(), table->end(),
-                                              [](const auto& entry) { return has_header(entry.second); })
-                               : table->end();
+      const auto place =
+          plain ? std::find_if(table->begin(), table->end(), [](const auto& entry) { return has_header(entry.second); })
+                : table->end();
       at = &table->emplace(place, parts[i].key, ConfigValue{})->second;
     } else {
       at = &found->second;

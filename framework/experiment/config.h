@@ -8,6 +8,7 @@
 #include <variant>
 #include <vector>
 
+#include "framework/base/error.h"
 #include "framework/base/parameters.h"
 
 namespace variform {
@@ -88,6 +89,9 @@ class ConfigNode {
   std::string file_;
   std::string path_;
 };
+
+/// Throws the error class that belongs to an exit code.
+[[noreturn]] void throw_error(ExitCode code, const std::string& message);
 
 /// A config file: a TOML document, possibly with values replaced.
 class Config {

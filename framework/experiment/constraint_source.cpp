@@ -3,13 +3,29 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <numbers>
 
 #include "framework/base/error.h"
 
 namespace variform {
 namespace {
+
+// For what makes sense in a config, but not on this mesh.
+[[noreturn]] void data_error(const ConfigNode& node, const std::string& what) {
+  node.located([&]() -> int { throw DataError(what); });
+  std::abort();  // not reached
+}
+
+std::vector<double> finite_numbers(const ConfigNode& node) {
+  const std::vector<double> numbers = node.numbers();
+  if (!std::all_of(numbers.begin(), numbers.end(), [](double x) { return std::isfinite(x); })) {
+    node.fail("expected finite numbers");
+  }
+  return numbers;
+}
 
 // Reads points and lengths of one constraint, in mesh units or relative to the bounding box.
 class Frame {
@@ -32,7 +48,7 @@ class Frame {
   double length_unit() const { return relative_ ? extent_.maxCoeff() : 1.0; }
 
   Eigen::RowVectorXd coordinates(const ConfigNode& node) const {
-    const std::vector<double> numbers = node.numbers();
+    const std::vector<double> numbers = finite_numbers(node);
     if (static_cast<int>(numbers.size()) != dimension_) {
       node.fail(fmt::format("expected {} coordinates, got {}", dimension_, numbers.size()));
     }
@@ -70,7 +86,7 @@ std::vector<Index> selected(const ConfigNode& node, const Domain& domain, const 
     if (!how.boolean()) how.fail("expected true");
     keep_if([&](Index v) { return domain.boundary_vertices()[v]; });
   } else {
-    const std::vector<double> numbers = how.numbers();
+    const std::vector<double> numbers = finite_numbers(how);
     const std::size_t wanted = how.name() == "box" ? 2 * d : d + 1;
     if (numbers.size() != wanted) how.fail(fmt::format("expected {} numbers, got {}", wanted, numbers.size()));
     const Eigen::RowVectorXd first = frame.placed(Eigen::Map<const Eigen::RowVectorXd>(numbers.data(), d));
@@ -86,8 +102,7 @@ std::vector<Index> selected(const ConfigNode& node, const Domain& domain, const 
       keep_if([&](Index v) { return (domain.positions().row(v) - first).norm() <= radius; });
     }
   }
-  if (vertices.empty())
-    throw DataError(fmt::format("{}:{}: key '{}': no vertex is selected", how.file(), how.value().line, how.path()));
+  if (vertices.empty()) data_error(how, "no vertex is selected");
   return vertices;
 }
 
@@ -106,7 +121,6 @@ Matrix targets(const ConfigNode& node, const Domain& domain, const Frame& frame,
   Matrix result(static_cast<Eigen::Index>(vertices.size()), d);
   for (std::size_t i = 0; i < vertices.size(); ++i)
     result.row(static_cast<Index>(i)) = domain.positions().row(vertices[i]);
-  if (node.has("positions") && node.has("move")) node.fail("expected either 'positions' or 'move'");
   if (node.has("positions")) {
     const std::vector<ConfigNode> points = node.at("positions").elements();
     if (points.size() != vertices.size()) {
@@ -131,8 +145,7 @@ Matrix targets(const ConfigNode& node, const Domain& domain, const Frame& frame,
 
 }  // namespace
 
-LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const Domain& domain) {
-  LoadedConstraints loaded{Constraints(domain.vertex_count(), domain.ambient_dimension()), {}, {}, {}};
+void check_constraints(const std::vector<ConfigNode>& nodes) {
   for (const ConfigNode& node : nodes) {
     node.accept_keys({"kind", "vertices", "select", "relative", "positions", "move", "weight", "weights", "value"});
     const std::string kind = node.at("kind").string();
@@ -142,19 +155,32 @@ LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const D
     if (node.has("weight") && kind != "soft") node.at("weight").fail("only soft constraints have a weight");
     if ((node.has("weights") || node.has("value")) && kind != "linear")
       node.fail("'weights' and 'value' are for kind = \"linear\"");
+    if ((node.has("positions") || node.has("move")) && kind != "hard" && kind != "soft")
+      node.fail("'positions' and 'move' are for kind = \"hard\" and \"soft\"");
+    if (node.has("positions") && node.has("move")) node.fail("expected either 'positions' or 'move'");
     if (node.has("vertices") == node.has("select")) node.fail("expected either 'vertices' or 'select'");
+    if (node.has("vertices") && node.at("vertices").integers().empty())
+      node.at("vertices").fail("expected at least one vertex");
+    node.boolean_or("relative", false);
+  }
+}
+
+LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const Domain& domain) {
+  check_constraints(nodes);
+  LoadedConstraints loaded{Constraints(domain.vertex_count(), domain.ambient_dimension()), {}, {}, {}};
+  for (const ConfigNode& node : nodes) {
+    const std::string kind = node.at("kind").string();
     const Frame frame(domain, node.boolean_or("relative", false));
     std::vector<Index> vertices;
     if (node.has("vertices")) {
       for (const ConfigNode& entry : node.at("vertices").elements()) {
         const std::int64_t v = entry.integer();
         if (v < 0 || v >= domain.vertex_count()) {
-          throw DataError(fmt::format("{}:{}: key '{}': vertex {} does not exist; the mesh has vertices 0 to {}",
-                                      entry.file(), entry.value().line, entry.path(), v, domain.vertex_count() - 1));
+          data_error(entry, fmt::format("vertex {} does not exist; the mesh has vertices 0 to {}", v,
+                                        domain.vertex_count() - 1));
         }
         vertices.push_back(static_cast<Index>(v));
       }
-      if (vertices.empty()) node.at("vertices").fail("expected at least one vertex");
     } else {
       vertices = selected(node.at("select"), domain, frame);
     }
@@ -163,7 +189,11 @@ LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const D
         if (vertices.size() < 2) throw UsageError("expected at least two vertices to identify");
         for (std::size_t i = 1; i < vertices.size(); ++i) loaded.constraints.identify(vertices[0], vertices[i]);
       } else if (kind == "linear") {
-        loaded.constraints.combine(vertices, node.at("weights").numbers(), frame.point(node.at("value")));
+        const std::vector<double> weights = finite_numbers(node.at("weights"));
+        if (std::all_of(weights.begin(), weights.end(), [](double w) { return w == 0.0; })) {
+          node.at("weights").fail("expected a weight that is not 0");
+        }
+        loaded.constraints.combine(vertices, weights, frame.point(node.at("value")));
       } else {
         const Matrix to = targets(node, domain, frame, vertices);
         for (std::size_t i = 0; i < vertices.size(); ++i) {

@@ -31,8 +31,11 @@ struct LoadedConstraints {
   std::vector<Index> soft;
 };
 
-/// node: the array of constraint tables. Throws UsageError with the place for tables that make no sense, DataError with
-/// the place for constraints that do not fit the mesh.
+/// Throws UsageError for tables that make no sense on any mesh.
+void check_constraints(const std::vector<ConfigNode>& nodes);
+
+/// nodes: the array of constraint tables. Throws UsageError with the place for tables that make no sense, DataError
+/// with the place for constraints that do not fit the mesh.
 LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const Domain& domain);
 
 }  // namespace variform

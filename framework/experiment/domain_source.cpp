@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "framework/base/error.h"
 #include "framework/domain/check.h"
@@ -91,37 +92,55 @@ std::vector<GeneratorEntry> make_generators() {
 
 const std::vector<std::string> kCommonKeys = {"generator", "mesh", "triangulate", "repair", "scale", "degrade"};
 
-Mesh generated(const ConfigNode& node) {
+const GeneratorEntry& generator_of(const ConfigNode& node) {
   const ConfigNode name = node.at("generator");
-  const GeneratorEntry& entry =
-      name.located([&]() -> const GeneratorEntry& { return generators().find(name.string()); });
+  return name.located([&]() -> const GeneratorEntry& { return generators().find(name.string()); });
+}
+
+Mesh generated(const ConfigNode& node) {
+  const GeneratorEntry& entry = generator_of(node);
   const Parameters parameters = node.parameters(entry.parameters, kCommonKeys);
   return node.located([&] { return entry.make(parameters); });
 }
 
+RepairOptions read_repairs(const ConfigNode& node) {
+  if (!node.has("repair")) return {true, false, false, true};
+  RepairOptions repairs{false, false, false, false};
+  for (const ConfigNode& kind : node.at("repair").elements()) {
+    const std::string name = kind.string();
+    if (name == "orientation")
+      repairs.orientation = true;
+    else if (name == "unreferenced_vertices")
+      repairs.unreferenced_vertices = true;
+    else if (name == "degenerate_cells")
+      repairs.degenerate_cells = true;
+    else if (name == "duplicate_cells")
+      repairs.duplicate_cells = true;
+    else
+      kind.fail("expected orientation, unreferenced_vertices, degenerate_cells or duplicate_cells");
+  }
+  return repairs;
+}
+
+double read_scale(const ConfigNode& node) {
+  const double scale = node.number_or("scale", 1.0);
+  if (!(scale > 0.0 && std::isfinite(scale))) node.at("scale").fail("expected a positive number");
+  return scale;
+}
+
+Parameters read_degrade(const ConfigNode& node) {
+  return node.parameters({{.name = "jitter", .value = 0.0, .doc = "", .min = 0.0, .max = 1.0},
+                          {.name = "flip_fraction", .value = 0.0, .doc = "", .min = 0.0, .max = 1.0},
+                          {.name = "refinements", .value = std::int64_t{0}, .doc = "", .min = 0.0, .max = 20.0},
+                          {.name = "seed", .value = std::int64_t{1}, .doc = "", .min = 0.0}});
+}
+
 Mesh read_and_repaired(const ConfigNode& node, const std::filesystem::path& folder,
                        std::vector<std::string>& warnings) {
-  node.accept_keys(kCommonKeys);
   const std::filesystem::path file = find_input(node.at("mesh").string(), folder);
   MeshFile read = read_mesh(file, {.triangulate_polygons = node.boolean_or("triangulate", false)});
   for (const std::string& warning : read.warnings) warnings.push_back(file.filename().string() + ": " + warning);
-  RepairOptions repairs{true, false, false, true};
-  if (node.has("repair")) {
-    repairs = {false, false, false, false};
-    for (const ConfigNode& kind : node.at("repair").elements()) {
-      const std::string name = kind.string();
-      if (name == "orientation")
-        repairs.orientation = true;
-      else if (name == "unreferenced_vertices")
-        repairs.unreferenced_vertices = true;
-      else if (name == "degenerate_cells")
-        repairs.degenerate_cells = true;
-      else if (name == "duplicate_cells")
-        repairs.duplicate_cells = true;
-      else
-        kind.fail("expected orientation, unreferenced_vertices, degenerate_cells or duplicate_cells");
-    }
-  }
+  const RepairOptions repairs = read_repairs(node);
   try {
     MeshRepair repaired = repair_mesh(flattened(read.mesh), repairs);
     for (const std::string& warning : repaired.warnings) warnings.push_back(file.filename().string() + ": " + warning);
@@ -138,15 +157,25 @@ const Registry<GeneratorEntry>& generators() {
   return registry;
 }
 
-LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& config_folder) {
+void check_domain(const ConfigNode& node) {
   if (node.has("generator") == node.has("mesh")) node.fail("expected either 'generator' or 'mesh'");
+  if (node.has("generator")) {
+    node.parameters(generator_of(node).parameters, kCommonKeys);
+  } else {
+    node.accept_keys(kCommonKeys);
+    node.at("mesh").string();
+  }
+  node.boolean_or("triangulate", false);
+  read_repairs(node);
+  read_scale(node);
+  if (node.has("degrade")) read_degrade(node.at("degrade"));
+}
+
+LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& config_folder) {
+  check_domain(node);
   std::vector<std::string> warnings;
   Mesh mesh = node.has("generator") ? generated(node) : read_and_repaired(node, config_folder, warnings);
-  if (node.has("scale")) {
-    const double scale = node.at("scale").number();
-    if (!(scale > 0.0)) node.at("scale").fail("expected a positive number");
-    mesh.positions *= scale;
-  }
+  mesh.positions *= read_scale(node);
   const std::string where = node.has("mesh") ? node.at("mesh").string() + ": " : "";
   const auto checked = [&](const Mesh& m) {
     try {
@@ -158,11 +187,7 @@ LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& co
   Domain domain = checked(mesh);
   if (node.has("degrade")) {
     const ConfigNode degrade = node.at("degrade");
-    const Parameters p =
-        degrade.parameters({{.name = "jitter", .value = 0.0, .doc = "", .min = 0.0, .max = 1.0},
-                            {.name = "flip_fraction", .value = 0.0, .doc = "", .min = 0.0, .max = 1.0},
-                            {.name = "refinements", .value = std::int64_t{0}, .doc = "", .min = 0.0, .max = 20.0},
-                            {.name = "seed", .value = std::int64_t{1}, .doc = "", .min = 0.0}});
+    const Parameters p = read_degrade(degrade);
     if (domain.kind() != DomainKind::planar) degrade.fail("only planar meshes can be degraded");
     domain = checked(
         degrade_mesh({domain.positions(), domain.cells()}, {.jitter = p.number("jitter"),

@@ -37,6 +37,9 @@ struct LoadedDomain {
   std::vector<std::string> warnings;  ///< what reading and repairing changed
 };
 
+/// Throws UsageError for a [domain] that makes no sense whatever is in its mesh file.
+void check_domain(const ConfigNode& node);
+
 /// Throws UsageError for configs that make no sense and DataError, with the file's name, for broken meshes.
 LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& config_folder);
 

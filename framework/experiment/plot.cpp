@@ -98,6 +98,8 @@ std::string axis_settings(char axis, const std::string& label, bool logarithmic,
                             fmt::join(ticks, ", "));
 }
 
+constexpr std::size_t kMostMarkers = 60;
+
 /// The script, and whether there is anything to draw.
 struct Script {
   std::string text;
@@ -115,9 +117,12 @@ Script script_of(const LinePlot& plot, const std::string& name) {
     if (block.x.is_empty()) continue;  // gnuplot would refuse it
     for (const double end : {block.x.low, block.x.high}) x.extend(end);
     for (const double end : {block.y.low, block.y.high}) y.extend(end);
-    curves += fmt::format("{}$curve_{} with linespoints linecolor '{}' pointtype {} title {}",
-                          curves.empty() ? "plot " : ", \\\n     ", i, kColours[i % kColours.size()],
-                          kPointTypes[i % kPointTypes.size()], quoted(plot.curves[i].label));
+    // Markers of a long curve would merge into a thick one.
+    const std::string style = plot.curves[i].x.size() > kMostMarkers
+                                  ? std::string("lines")
+                                  : fmt::format("linespoints pointtype {}", kPointTypes[i % kPointTypes.size()]);
+    curves += fmt::format("{}$curve_{} with {} linecolor '{}' title {}", curves.empty() ? "plot " : ", \\\n     ", i,
+                          style, kColours[i % kColours.size()], quoted(plot.curves[i].label));
   }
   Script script{.text = fmt::format("# gnuplot draws {0}.svg and {0}.png of this.\n", escape(name, {{'\n', " "}})) +
                         "set encoding utf8\n" + data};

@@ -288,6 +288,12 @@ PointResult bisect(const PipelineEntry& pipeline, const Config& config, const Bi
   return result;
 }
 
+std::string assignments(const Row& swept) {
+  std::vector<std::string> parts;
+  for (const auto& [key, value] : swept.entries()) parts.push_back(fmt::format("{} = {}", key, to_text(value)));
+  return fmt::format("{}", fmt::join(parts, ", "));
+}
+
 std::string panel_title(const Row& swept) {
   std::vector<std::string> parts;
   for (const auto& [key, value] : swept.entries()) {
@@ -400,7 +406,7 @@ void draw_figures(const Plan& plan, const std::vector<PointResult>& results, con
     }
   }
   if (wanted("history")) {
-    LinePlot plot{"Convergence", "iteration", "energy", false, true, {}};
+    LinePlot plot{"Convergence", "iteration", "E (regularized energy); relative step", false, true, {}};
     for (std::size_t i = 0; i < results.size(); ++i) {
       for (const Curve& curve : results[i].history) {
         const std::string group = group_text(record.rows[i], swept);
@@ -558,7 +564,12 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
     if (result && result->metrics.find("mesh") != nullptr && !fs::exists(options.folder / mesh)) result.reset();
     if (!result) {
       fs::remove(checkpoint, failed);  // it does not belong to the mesh that is written next
-      result = plan.bisection ? bisect(*plan.pipeline, at, *plan.bisection) : plan.pipeline->run(at);
+      try {
+        result = plan.bisection ? bisect(*plan.pipeline, at, *plan.bisection) : plan.pipeline->run(at);
+      } catch (const Error& error) {
+        if (plan.sweep.empty()) throw;
+        throw_error(error.exit_code(), fmt::format("{} (at {})", error.what(), assignments(row)));
+      }
       if (result->mesh.cell_count() > 0) {
         write_mesh(options.folder / mesh, result->mesh);
         write_mesh(options.folder / "meshes" / (name + ".vtu"), result->mesh, result->fields);

@@ -9,6 +9,7 @@
 #include "framework/base/error.h"
 #include "framework/domain/generators.h"
 #include "framework/form/problem.h"
+#include "framework/operators/distortion.h"
 #include "framework/operators/operators.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
@@ -69,6 +70,7 @@ TEST(PlanarEnergies, ValuesAreTheStatedFunctionsOfSingularValues) {
   double similar = 0.0;
   double rigid = 0.0;
   double killing = 0.0;
+  double conformal = 0.0;
   for (Index t = 0; t < domain.cell_count(); ++t) {
     const Eigen::Matrix2d F = deformation(domain, t, U);
     const Eigen::JacobiSVD<Eigen::Matrix2d> svd(F);
@@ -78,6 +80,7 @@ TEST(PlanarEnergies, ValuesAreTheStatedFunctionsOfSingularValues) {
     similar += domain.cell_measures()[t] * 0.5 * (s1 - s2) * (s1 - s2);
     rigid += domain.cell_measures()[t] * ((s1 - 1) * (s1 - 1) + (s2 - 1) * (s2 - 1));
     killing += domain.cell_measures()[t] * (J + J.transpose()).squaredNorm();
+    conformal += domain.cell_measures()[t] * ((F + F.transpose()).squaredNorm() - 2.0 * F.trace() * F.trace());
   }
   const auto value = [&](const std::string& name) {
     const auto energy = make(name);
@@ -87,8 +90,32 @@ TEST(PlanarEnergies, ValuesAreTheStatedFunctionsOfSingularValues) {
     return problem.value(U).plain;
   };
   EXPECT_NEAR(value("asap"), similar, 1e-12 * similar);
+  EXPECT_NEAR(value("asap"), 0.25 * conformal, 1e-12 * similar);
   EXPECT_NEAR(value("arap"), rigid, 1e-12 * rigid);
+  const Distortion errors = distortion(domain, U);
+  EXPECT_NEAR(value("arap"), domain.total_measure() * errors.isometric, 1e-12 * rigid);
+  EXPECT_NEAR(value("asap"), domain.total_measure() * errors.conformal, 1e-12 * similar);
   EXPECT_NEAR(value("larap"), 0.25 * killing, 1e-12 * killing);
+}
+
+// At beta = 1, which the norm refuses, only the variation of the residual is left: it cannot see affine maps.
+TEST(PlanarEnergies, AffineMapsHaveNoVariation) {
+  const Domain domain = jittered_square(0.2);
+  for (const auto& [name, dimension] :
+       {std::pair<std::string, int>("asap", 6), {"larap", 6}, {"arap", 3}, {"poisson", 3}}) {
+    const auto energy = make(name);
+    const Form form = energy->declare(domain);
+    const int n = form.residuals();
+    const Eigen::MatrixXd E = form.sparse_operator();
+    Eigen::MatrixXd jumps(domain.facet_count() * n, E.cols());
+    for (Index f = 0; f < domain.facet_count(); ++f) {
+      jumps.middleRows(f * n, n) =
+          std::sqrt(domain.facet_measures()[f]) *
+          (E.middleRows(domain.facet_cells()(f, 0) * n, n) - E.middleRows(domain.facet_cells()(f, 1) * n, n));
+    }
+    const Vector singular = Eigen::BDCSVD<Eigen::MatrixXd>(jumps).singularValues();
+    EXPECT_EQ((singular.array() < 1e-10 * singular[0]).count(), dimension) << name;
+  }
 }
 
 TEST(PlanarEnergies, RigidMotionsAndSimilaritiesCostNothing) {

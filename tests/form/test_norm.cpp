@@ -78,6 +78,26 @@ TEST(CellNorm, IsTheStatedMatrix) {
   }
 }
 
+TEST(CellNorm, NumberingOfCellsDoesNotMatter) {
+  const Domain domain = domains()[0];
+  const Index cells = domain.cell_count();
+  Mesh permuted{domain.positions(), IndexMatrix(cells, 3)};
+  const Matrix R = Matrix::Random(cells, 3);
+  Matrix permuted_R(cells, 3);
+  for (Index t = 0; t < cells; ++t) {
+    // Another order of cells swaps left and right at many facets; another first corner changes nothing either.
+    const Index from = (7 * t + 3) % cells;
+    for (int i = 0; i < 3; ++i) permuted.cells(t, i) = domain.cells()(from, (i + t) % 3);
+    permuted_R.row(t) = R.row(from);
+  }
+  ASSERT_NE(cells % 7, 0);
+  for (const FacetWeight weight : kWeights) {
+    const double expected = cell_norm(domain, {.beta = 0.4, .facet_weight = weight})->squared(R);
+    const double actual = cell_norm(Domain(permuted), {.beta = 0.4, .facet_weight = weight})->squared(permuted_R);
+    EXPECT_NEAR(actual, expected, 1e-13 * expected);
+  }
+}
+
 TEST(CellNorm, BetaZeroIsThePlainMeasureNorm) {
   for (const Domain& domain : domains()) {
     const auto norm = cell_norm(domain, {.beta = 0.0});
