@@ -7,8 +7,10 @@ if(VARIFORM_SUITESPARSE)
   install(TARGETS variform_suitesparse EXPORT variformTargets)
 endif()
 install(TARGETS variform_cli RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
-foreach(folder framework energies solvers experiments)
-  install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/variform FILES_MATCHING PATTERN "*.h")
+# Headers include each other as "framework/...", so this folder is the include directory of all targets.
+foreach(folder framework energies solvers integrators experiments)
+  install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/variform FILES_MATCHING PATTERN "*.h"
+          PATTERN "benchmarks" EXCLUDE)
 endforeach()
 install(DIRECTORY experiments/smoothed_energies DESTINATION ${CMAKE_INSTALL_DATADIR}/variform/experiments
         FILES_MATCHING PATTERN "*.toml")

@@ -26,7 +26,7 @@ class Arap final : public CellEnergy {
   bool target(const Domain& domain, Index t, const Matrix& U, Eigen::Ref<Eigen::MatrixXd> c) const override {
     const auto G = domain.gradient(t);
     Eigen::Matrix2d F = Eigen::Matrix2d::Zero();
-    for (int i = 0; i < 3; ++i) F += G.col(i) * U.row(domain.cells()(t, i));
+    for (int i = 0; i < 3; ++i) F += G.col(i).lazyProduct(U.row(domain.cells()(t, i)));
     const double p = F(0, 0) + F(1, 1);
     const double q = F(0, 1) - F(1, 0);
     const double length = std::hypot(p, q);

@@ -113,7 +113,13 @@ std::vector<std::string> shown_columns(const Record& record, const Config& confi
 
 Config configured(const RunArguments& arguments) {
   Config config = Config::load(arguments.config);
-  for (const std::string& assignment : arguments.set) config.set(assignment);
+  for (const std::string& assignment : arguments.set) {
+    config.set(assignment);
+    // A value given by hand stands: its key is no longer swept.
+    const std::string key = assignment.substr(0, assignment.find('='));
+    if (key.rfind("sweep", 0) == 0) continue;
+    if (key.find('"') != std::string::npos || !config.erase("sweep.\"" + key + "\"")) config.erase("sweep." + key);
+  }
   for (const std::string& assignment : arguments.grid) {
     const std::size_t equals = assignment.find('=');
     if (equals == std::string::npos) throw UsageError(fmt::format("--grid {}: expected key=[values]", assignment));
@@ -153,7 +159,11 @@ ExitCode sweep(const RunArguments& arguments) {
 }
 
 fs::path shipped_experiments() {
-  for (const char* place : {VARIFORM_SOURCE_EXPERIMENTS, VARIFORM_INSTALL_EXPERIMENTS}) {
+  // Installed programs may have been moved together with their data.
+  std::error_code unknown;
+  const fs::path program = fs::read_symlink("/proc/self/exe", unknown);
+  const fs::path beside = (program.parent_path() / VARIFORM_RELATIVE_EXPERIMENTS).lexically_normal();
+  for (const fs::path& place : {beside, fs::path(VARIFORM_SOURCE_EXPERIMENTS)}) {
     if (fs::is_directory(place)) return place;
   }
   throw DataError("the shipped experiments are not there; name config files or folders");

@@ -119,7 +119,10 @@ Condition::Condition(const std::string& text) : text_(trimmed(text)) {
     }
     comparison.key = trimmed(part.substr(0, at));
     comparison.value = parsed_value(trimmed(part.substr(at + comparison.relation.size())), text_);
-    if (comparison.key.empty()) throw UsageError(fmt::format("condition '{}': a key is missing in '{}'", text_, part));
+    if (comparison.key.empty() || comparison.key.find_first_of(" \t") != std::string::npos) {
+      throw UsageError(
+          fmt::format("condition '{}': expected one key in front of '{}' in '{}'", text_, comparison.relation, part));
+    }
     if (!std::holds_alternative<double>(comparison.value) && comparison.relation != "==" &&
         comparison.relation != "!=") {
       throw UsageError(fmt::format("condition '{}': texts and flags can only be compared by == and !=", text_));

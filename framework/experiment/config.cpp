@@ -406,10 +406,22 @@ void Config::set(const std::string& assignment) {
   set(path, value);
 }
 
-void Config::erase(const std::string& key) {
-  auto& table = std::get<ConfigValue::Table>(root_.data);
-  table.erase(std::remove_if(table.begin(), table.end(), [&](const auto& entry) { return entry.first == key; }),
-              table.end());
+bool Config::erase(const std::string& path) {
+  const std::vector<PathPart> parts = split_path(path);
+  ConfigValue* at = &root_;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    auto* table = std::get_if<ConfigValue::Table>(&at->data);
+    if (table == nullptr || parts[i].index >= 0) return false;
+    const auto found =
+        std::find_if(table->begin(), table->end(), [&](const auto& entry) { return entry.first == parts[i].key; });
+    if (found == table->end()) return false;
+    if (i + 1 == parts.size()) {
+      table->erase(found);
+      return true;
+    }
+    at = &found->second;
+  }
+  return false;
 }
 
 std::string Config::text() const {

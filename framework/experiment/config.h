@@ -110,8 +110,8 @@ class Config {
   void set(const std::string& path, const ConfigValue& value);
   /// "path=value" as the command line gives it; a value that is no TOML value is taken as a string.
   void set(const std::string& assignment);
-  /// Removes a top-level key if it is there.
-  void erase(const std::string& key);
+  /// Removes the value at a dotted path (tables only); false when it is not there.
+  bool erase(const std::string& path);
 
   /// TOML text of the config as it is now.
   std::string text() const;

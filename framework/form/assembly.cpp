@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <numeric>
+#include <utility>
 
 #include "framework/base/error.h"
 #include "framework/base/parallel.h"
@@ -14,18 +16,6 @@ namespace variform {
 namespace {
 
 constexpr int kMaxBlock = 256;
-
-// Calls visit(site, link, is_first) for site s itself (link -1) and for each site that the norm links to it.
-template <class Visit>
-void for_coupled_sites(const Norm& norm, const std::vector<Index>& offsets, const std::vector<Index>& adjacency,
-                       Index s, const Visit& visit) {
-  visit(s, -1, true);
-  for (Index k = offsets[s]; k < offsets[s + 1]; ++k) {
-    const Index link = adjacency[k] / 2;
-    const bool first = adjacency[k] % 2 == 0;
-    visit(norm.links()(link, first ? 1 : 0), link, first);
-  }
-}
 
 }  // namespace
 
@@ -43,6 +33,10 @@ Assembly::Assembly(const std::vector<Term>& terms) {
       throw UsageError(
           fmt::format("assembly: {} residuals x {} unknowns exceed {}", form.residuals(), unknowns_, kMaxBlock));
     }
+    if (term.norm->transports().size() > 0 && form.residuals() % 2 != 0) {
+      throw UsageError(
+          fmt::format("assembly: {} residuals; in cell frames they come in pairs of components", form.residuals()));
+    }
     if (term.norm->site_count() != form.site_count()) {
       throw UsageError(
           fmt::format("assembly: the norm has {} sites, the form {}", term.norm->site_count(), form.site_count()));
@@ -50,85 +44,124 @@ Assembly::Assembly(const std::vector<Term>& terms) {
   }
   right_hand_side_.setZero(first.unknown_count(), first.columns());
 
-  incidences_.resize(terms.size());
+  stencils_.resize(terms.size());
   for (std::size_t i = 0; i < terms.size(); ++i) {
     const Form& form = terms[i].form;
-    Incidence& incidence = incidences_[i];
-    incidence.offsets.assign(node_count_ + 1, 0);
-    for (const Index node : form.nodes()) ++incidence.offsets[node + 1];
-    std::partial_sum(incidence.offsets.begin(), incidence.offsets.end(), incidence.offsets.begin());
-    incidence.sites.resize(form.nodes().size());
-    incidence.locals.resize(form.nodes().size());
-    std::vector<Index> next(incidence.offsets.begin(), incidence.offsets.end() - 1);
-    for (Index s = 0; s < form.site_count(); ++s) {
-      for (int a = 0; a < form.site_size(s); ++a) {
-        const Index at = next[form.node(s, a)]++;
-        incidence.sites[at] = s;
-        incidence.locals[at] = a;
-      }
-    }
-    incidence.targets.resize(form.site_count(), form.residuals() * form.columns());
-    incidence.weighted_targets.resize(form.site_count(), form.residuals() * form.columns());
+    find_slots(form, stencils_[i]);
+    stencils_[i].weighted_targets.resize(form.site_count(), form.residuals() * form.columns());
   }
+  find_pattern(terms);
+}
 
-  // Neighbours w >= v of each node v, sorted: the block rows of its columns.
-  std::vector<Index> neighbour_offsets(node_count_ + 1, 0);
-  std::vector<Index> neighbours;
-  std::vector<Index> stamp(node_count_, -1);
-  for (Index v = 0; v < node_count_; ++v) {
-    const std::size_t begin = neighbours.size();
-    // Every node has its diagonal block, so that soft constraints find their place.
-    stamp[v] = v;
-    neighbours.push_back(v);
-    for (std::size_t i = 0; i < terms.size(); ++i) {
-      const Term& term = terms[i];
-      for (Index k = incidences_[i].offsets[v]; k < incidences_[i].offsets[v + 1]; ++k) {
-        for_coupled_sites(*term.norm, term.norm->adjacency_offsets_, term.norm->adjacency_, incidences_[i].sites[k],
-                          [&](Index s, Index, bool) {
-                            for (int b = 0; b < term.form.site_size(s); ++b) {
-                              const Index w = term.form.node(s, b);
-                              if (w < v || stamp[w] == v) continue;
-                              stamp[w] = v;
-                              neighbours.push_back(w);
-                            }
-                          });
-      }
+void Assembly::find_slots(const Form& form, Stencil& stencil) const {
+  stencil.offsets.assign(node_count_ + 1, 0);
+  for (const Index node : form.nodes()) ++stencil.offsets[node + 1];
+  std::partial_sum(stencil.offsets.begin(), stencil.offsets.end(), stencil.offsets.begin());
+  stencil.slots.resize(form.nodes().size());
+  stencil.sites.resize(form.nodes().size());
+  std::vector<Index> next(stencil.offsets.begin(), stencil.offsets.end() - 1);
+  for (Index s = 0; s < form.site_count(); ++s) {
+    for (Index slot = form.offset(s); slot < form.offset(s + 1); ++slot) {
+      const Index at = next[form.nodes()[slot]]++;
+      stencil.slots[at] = slot;
+      stencil.sites[at] = s;
     }
-    std::sort(neighbours.begin() + static_cast<std::ptrdiff_t>(begin), neighbours.end());
-    neighbour_offsets[v + 1] = static_cast<Index>(neighbours.size());
   }
+}
 
-  // Ranks, in the order in which refill will meet them.
-  std::vector<Index>& rank = stamp;
+void Assembly::find_pattern(const std::vector<Term>& terms) {
+  // What the terms have at the current node; parts name their coupling until they are sorted by it.
+  struct Local {
+    std::vector<Index> stamps;  // site -> its coupling, if that coupling is of this site
+    std::vector<Coupling> couplings;
+    std::vector<std::pair<Index, Part>> parts;
+  };
+  std::vector<Local> locals(terms.size());
   for (std::size_t i = 0; i < terms.size(); ++i) {
-    const Term& term = terms[i];
-    Incidence& incidence = incidences_[i];
-    incidence.rank_offsets.resize(incidence.sites.size());
-    for (Index v = 0; v < node_count_; ++v) {
-      for (Index k = neighbour_offsets[v]; k < neighbour_offsets[v + 1]; ++k) {
-        rank[neighbours[k]] = k - neighbour_offsets[v];
-      }
-      for (Index k = incidence.offsets[v]; k < incidence.offsets[v + 1]; ++k) {
-        incidence.rank_offsets[k] = incidence.ranks.size();
-        for_coupled_sites(*term.norm, term.norm->adjacency_offsets_, term.norm->adjacency_, incidence.sites[k],
-                          [&](Index s, Index, bool) {
-                            for (int b = 0; b < term.form.site_size(s); ++b) {
-                              const Index w = term.form.node(s, b);
-                              incidence.ranks.push_back(w < v ? -1 : rank[w]);
-                            }
-                          });
-      }
+    locals[i].stamps.assign(terms[i].form.site_count(), 0);
+    for (auto* offsets : {&stencils_[i].coupling_offsets, &stencils_[i].part_offsets, &stencils_[i].place_offsets}) {
+      offsets->assign(node_count_ + 1, 0);
     }
   }
+  // Nodes w >= v that share an entry with v, sorted: the block rows of its columns. ranks: node -> place among them.
+  std::vector<Index> row_offsets(node_count_ + 1, 0);
+  std::vector<Index> rows;
+  std::vector<Index> ranks(node_count_, -1);
 
-  // Column (v, i) holds rows i.. of the diagonal block, then the full blocks of the other neighbours.
-  const Index size = first.unknown_count();
-  matrix_.resize(size, size);
-  std::size_t nonzeros = 0;
   for (Index v = 0; v < node_count_; ++v) {
-    const std::size_t others = neighbour_offsets[v + 1] - neighbour_offsets[v] - 1;
-    nonzeros += others * unknowns_ * unknowns_ + unknowns_ * (unknowns_ + 1) / 2;
+    const std::size_t begin = rows.size();
+    // Every node has its diagonal block, so that soft constraints find their place.
+    rows.push_back(v);
+    ranks[v] = 0;
+    for (std::size_t i = 0; i < terms.size(); ++i) {
+      const Form& form = terms[i].form;
+      const Norm& norm = *terms[i].norm;
+      Local& local = locals[i];
+      local.couplings.clear();
+      local.parts.clear();
+      const auto couple = [&](Index s, Part part) {
+        Index at = local.stamps[s];
+        if (at >= static_cast<Index>(local.couplings.size()) || local.couplings[at].site != s) {
+          at = local.stamps[s] = static_cast<Index>(local.couplings.size());
+          Coupling coupling{s, 0, 0};
+          for (Index slot = form.offset(s); slot < form.offset(s + 1); ++slot) {
+            const Index w = form.nodes()[slot];
+            if (w < v) continue;
+            ++coupling.places;
+            if (ranks[w] >= 0) continue;
+            ranks[w] = 0;
+            rows.push_back(w);
+          }
+          local.couplings.push_back(coupling);
+        }
+        if (local.couplings[at].places == 0) return;
+        ++local.couplings[at].parts;
+        local.parts.emplace_back(at, part);
+      };
+      for (Index k = stencils_[i].offsets[v]; k < stencils_[i].offsets[v + 1]; ++k) {
+        const Index t = stencils_[i].sites[k];
+        const Index slot = stencils_[i].slots[k];
+        couple(t, {slot, -1});
+        for (Index a = norm.adjacency_offsets_[t]; a < norm.adjacency_offsets_[t + 1]; ++a) {
+          const Index seen_from_s = norm.adjacency_[a] ^ 1;
+          couple(norm.links_(seen_from_s / 2, seen_from_s % 2), {slot, seen_from_s});
+        }
+      }
+    }
+    std::sort(rows.begin() + static_cast<std::ptrdiff_t>(begin), rows.end());
+    for (std::size_t k = begin; k < rows.size(); ++k) ranks[rows[k]] = static_cast<Index>(k - begin);
+
+    for (std::size_t i = 0; i < terms.size(); ++i) {
+      const Form& form = terms[i].form;
+      Stencil& stencil = stencils_[i];
+      Local& local = locals[i];
+      std::size_t next = stencil.parts.size();
+      stencil.parts.resize(next + local.parts.size());
+      for (Coupling& coupling : local.couplings) {
+        if (coupling.places == 0) continue;
+        stencil.couplings.push_back(coupling);
+        for (Index slot = form.offset(coupling.site); slot < form.offset(coupling.site + 1); ++slot) {
+          const Index w = form.nodes()[slot];
+          if (w >= v) stencil.places.push_back({slot, ranks[w]});
+        }
+        next += std::exchange(coupling.parts, static_cast<Index>(next - stencil.part_offsets[v]));
+      }
+      for (const auto& [at, part] : local.parts) {
+        stencil.parts[stencil.part_offsets[v] + local.couplings[at].parts++] = part;
+      }
+      stencil.coupling_offsets[v + 1] = stencil.couplings.size();
+      stencil.part_offsets[v + 1] = stencil.parts.size();
+      stencil.place_offsets[v + 1] = stencil.places.size();
+    }
+    for (std::size_t k = begin; k < rows.size(); ++k) ranks[rows[k]] = -1;
+    row_offsets[v + 1] = static_cast<Index>(rows.size());
   }
+
+  // Column (v, i) holds rows i.. of the diagonal block, then the full blocks of the other rows.
+  const Index size = node_count_ * unknowns_;
+  matrix_.resize(size, size);
+  const std::size_t nonzeros = (rows.size() - node_count_) * unknowns_ * unknowns_ +
+                               static_cast<std::size_t>(node_count_) * unknowns_ * (unknowns_ + 1) / 2;
   if (nonzeros > static_cast<std::size_t>(std::numeric_limits<Index>::max())) {
     throw UsageError(fmt::format("assembly: {} non-zeros exceed 32-bit indices", nonzeros));
   }
@@ -138,8 +171,8 @@ Assembly::Assembly(const std::vector<Term>& terms) {
     for (int i = 0; i < unknowns_; ++i) {
       matrix_.outerIndexPtr()[v * unknowns_ + i] = position;
       for (int j = i; j < unknowns_; ++j) matrix_.innerIndexPtr()[position++] = v * unknowns_ + j;
-      for (Index k = neighbour_offsets[v] + 1; k < neighbour_offsets[v + 1]; ++k) {
-        for (int j = 0; j < unknowns_; ++j) matrix_.innerIndexPtr()[position++] = neighbours[k] * unknowns_ + j;
+      for (Index k = row_offsets[v] + 1; k < row_offsets[v + 1]; ++k) {
+        for (int j = 0; j < unknowns_; ++j) matrix_.innerIndexPtr()[position++] = rows[k] * unknowns_ + j;
       }
     }
   }
@@ -148,74 +181,76 @@ Assembly::Assembly(const std::vector<Term>& terms) {
 }
 
 template <int N, int U>
-void Assembly::refill_nodes(const Term& term, const Incidence& incidence) {
-  const Form& form = term.form;
+void Assembly::refill_nodes(const Term& term, const Stencil& stencil, bool first) {
   const Norm& norm = *term.norm;
-  const int n = N > 0 ? N : form.residuals();
+  const int n = N > 0 ? N : term.form.residuals();
   const int u = U > 0 ? U : unknowns_;
   const bool turned = norm.transports_.size() > 0;
-  parallel_for(
-      node_count_,
-      [&](Index v) {
-        std::array<double, kMaxBlock> column;  // W_st T_st E_t of the columns of v
-        // Where rank r, row j goes in column i: starts[i] + r u + j, the diagonal block being cut to its lower part.
-        const auto start = [&](int i) { return matrix_.valuePtr() + matrix_.outerIndexPtr()[v * u + i] - i; };
-        for (Index k = incidence.offsets[v]; k < incidence.offsets[v + 1]; ++k) {
-          const Index t = incidence.sites[k];
-          const double* E_t = form.block_data(t) + static_cast<std::ptrdiff_t>(incidence.locals[k]) * n * u;
-          const Index* rank = incidence.ranks.data() + incidence.rank_offsets[k];
-          for_coupled_sites(norm, norm.adjacency_offsets_, norm.adjacency_, t, [&](Index s, Index link, bool t_first) {
-            const double weight = link < 0 ? norm.diagonal_[t] : norm.link_weights_[link];
-            if (turned && link >= 0) {
-              // T takes residuals of the link's second site to its first; here from t to s.
-              const double c = weight * norm.transports_(link, 0);
-              const double d = weight * (t_first ? -norm.transports_(link, 1) : norm.transports_(link, 1));
-              for (int i = 0; i < n * u; i += 2) {
-                column[i] = c * E_t[i] - d * E_t[i + 1];
-                column[i + 1] = d * E_t[i] + c * E_t[i + 1];
-              }
-            } else {
-              for (int i = 0; i < n * u; ++i) column[i] = weight * E_t[i];
-            }
-            const double* E_s = form.block_data(s);
-            const int size = form.site_size(s);
-            for (int b = 0; b < size; ++b, E_s += n * u) {
-              const Index r = *rank++;
-              if (r < 0) continue;
-              for (int i = 0; i < u; ++i) {
-                double* target = start(i) + static_cast<std::ptrdiff_t>(r) * u;
-                for (int j = r == 0 ? i : 0; j < u; ++j) {
-                  double sum = 0.0;
-                  for (int l = 0; l < n; ++l) sum += E_s[j * n + l] * column[i * n + l];
-                  target[j] += sum;
-                }
-              }
-            }
-          });
+  const double* E = term.form.block_data(0);
+  const double* diagonal = norm.diagonal_.data();
+  const double* link_weights = norm.link_weights_.data();
+  double* values = matrix_.valuePtr();
+  const Index* starts = matrix_.outerIndexPtr();
+  const auto block = [E, n, u](Index slot) { return E + static_cast<std::ptrdiff_t>(slot) * n * u; };
+  const auto body = [&](Index v) {
+    std::array<double, N * U == 0 ? kMaxBlock : N * U> Y;
+    if (first) std::fill(values + starts[v * u], values + starts[(v + 1) * u], 0.0);
+    const Part* part = stencil.parts.data() + stencil.part_offsets[v];
+    const Place* place = stencil.places.data() + stencil.place_offsets[v];
+    for (std::size_t k = stencil.coupling_offsets[v]; k < stencil.coupling_offsets[v + 1]; ++k) {
+      const Coupling& coupling = stencil.couplings[k];
+      std::fill_n(Y.data(), n * u, 0.0);
+      for (const Part* end = part + coupling.parts; part != end; ++part) {
+        const double* E_t = block(part->slot);
+        const double weight = part->link < 0 ? diagonal[coupling.site] : link_weights[part->link / 2];
+        if (turned && part->link >= 0) {
+          // T takes residuals of the link's second site to its first; here from t to s.
+          const double c = weight * norm.transports_(part->link / 2, 0);
+          const double d = weight * norm.transports_(part->link / 2, 1) * (part->link % 2 == 0 ? 1.0 : -1.0);
+          for (int i = 0; i + 1 < n * u; i += 2) {
+            Y[i] += c * E_t[i] - d * E_t[i + 1];
+            Y[i + 1] += d * E_t[i] + c * E_t[i + 1];
+          }
+        } else {
+          for (int i = 0; i < n * u; ++i) Y[i] += weight * E_t[i];
         }
-      },
-      256);
+      }
+      for (const Place* end = place + coupling.places; place != end; ++place) {
+        const double* E_s = block(place->slot);
+        for (int i = 0; i < u; ++i) {
+          // Row j of block row r is at r u + j, the diagonal block being cut to its lower part.
+          double* target = values + starts[v * u + i] - i + static_cast<std::ptrdiff_t>(place->rank) * u;
+          for (int j = place->rank == 0 ? i : 0; j < u; ++j) {
+            double sum = 0.0;
+            for (int l = 0; l < n; ++l) sum += E_s[j * n + l] * Y[i * n + l];
+            target[j] += sum;
+          }
+        }
+      }
+    }
+  };
+  parallel_for(node_count_, body, 256);
 }
 
 void Assembly::refill(const std::vector<Term>& terms) {
-  std::fill_n(matrix_.valuePtr(), matrix_.nonZeros(), 0.0);
   for (std::size_t i = 0; i < terms.size(); ++i) {
     const Term& term = terms[i];
-    const Incidence& incidence = incidences_[i];
+    const Stencil& stencil = stencils_[i];
+    const bool first = i == 0;
     const std::pair<int, int> sizes = {term.form.residuals(), unknowns_};
     // The sizes of the common energies, so that the compiler can unroll them.
     if (sizes == std::pair(2, 1))
-      refill_nodes<2, 1>(term, incidence);
+      refill_nodes<2, 1>(term, stencil, first);
     else if (sizes == std::pair(3, 1))
-      refill_nodes<3, 1>(term, incidence);
+      refill_nodes<3, 1>(term, stencil, first);
     else if (sizes == std::pair(3, 2))
-      refill_nodes<3, 2>(term, incidence);
+      refill_nodes<3, 2>(term, stencil, first);
     else if (sizes == std::pair(4, 2))
-      refill_nodes<4, 2>(term, incidence);
+      refill_nodes<4, 2>(term, stencil, first);
     else if (sizes == std::pair(9, 3))
-      refill_nodes<9, 3>(term, incidence);
+      refill_nodes<9, 3>(term, stencil, first);
     else
-      refill_nodes<0, 0>(term, incidence);
+      refill_nodes<0, 0>(term, stencil, first);
   }
 }
 
@@ -223,21 +258,21 @@ void Assembly::refill_targets(const std::vector<Term>& terms) {
   right_hand_side_.setZero();
   for (std::size_t i = 0; i < terms.size(); ++i) {
     const Form& form = terms[i].form;
-    Incidence& incidence = incidences_[i];
+    Stencil& stencil = stencils_[i];
     const int n = form.residuals();
     const int columns = form.columns();
-    std::copy_n(form.target_data(0), incidence.targets.size(), incidence.targets.data());
-    terms[i].norm->apply(incidence.targets, incidence.weighted_targets);
+    const Eigen::Map<const Matrix> targets(form.target_data(0), form.site_count(), n * columns);
+    terms[i].norm->apply(targets, stencil.weighted_targets);
     parallel_for(node_count_, [&](Index v) {
-      for (Index k = incidence.offsets[v]; k < incidence.offsets[v + 1]; ++k) {
-        const Index t = incidence.sites[k];
-        const double* E = form.block_data(t) + static_cast<std::ptrdiff_t>(incidence.locals[k]) * n * unknowns_;
-        const double* y = incidence.weighted_targets.data() + static_cast<std::ptrdiff_t>(t) * n * columns;
-        for (int i_unknown = 0; i_unknown < unknowns_; ++i_unknown) {
+      double* g = right_hand_side_.data() + static_cast<std::ptrdiff_t>(v) * unknowns_ * columns;
+      for (Index k = stencil.offsets[v]; k < stencil.offsets[v + 1]; ++k) {
+        const double* E = form.block_data(0) + static_cast<std::ptrdiff_t>(stencil.slots[k]) * n * unknowns_;
+        const double* y = stencil.weighted_targets.data() + static_cast<std::ptrdiff_t>(stencil.sites[k]) * n * columns;
+        for (int j = 0; j < unknowns_; ++j) {
           for (int column = 0; column < columns; ++column) {
             double sum = 0.0;
-            for (int l = 0; l < n; ++l) sum += E[i_unknown * n + l] * y[column * n + l];
-            right_hand_side_(v * unknowns_ + i_unknown, column) += sum;
+            for (int l = 0; l < n; ++l) sum += E[j * n + l] * y[column * n + l];
+            g[j * columns + column] += sum;
           }
         }
       }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstddef>
 #include <memory>
 #include <vector>
 
@@ -19,10 +20,11 @@ struct Term {
 
 /// The normal equations of a sum of terms, H = sum E' W E (lower triangle) and g = sum E' W c.
 ///
-/// E'WE is a sum over pairs of sites that W couples, W_st E_s' T_st E_t: cells with themselves and with their
-/// neighbours. The sparsity pattern and the place of every block in it are computed once, from connectivity alone; then
-/// refill() writes values in place: parallel over nodes, each owning its columns, so there are no write conflicts, the
-/// sums have a fixed order (same bits on any number of threads), and nothing is allocated.
+/// Column v of E'WE is the sum over sites s of E_s' Y_s, with Y_s = sum_t W_st T_st E_t over the sites t at node v that
+/// W couples to s: for cells, s runs over the cells around v and their neighbours. Which sites these are, and where
+/// each block goes in the sparsity pattern, is computed once, from connectivity alone; then refill() writes values in
+/// place: parallel over nodes, each owning its columns, so there are no write conflicts, the sums have a fixed order
+/// (same bits on any number of threads), and nothing is allocated.
 ///
 ///   Assembly assembly(terms);           // once per connectivity
 ///   assembly.refill(terms);             // whenever E or W changed
@@ -46,25 +48,45 @@ class Assembly {
   const Matrix& right_hand_side() const { return right_hand_side_; }
 
  private:
-  // The sites that touch each node, for one term: entries [offsets[v], offsets[v+1]) of sites and locals.
-  struct Incidence {
+  // How one term reaches each node, in terms of slots: slot k is entry k of form.nodes(), one node of one site, and has
+  // the k-th n x unknowns block of E.
+  struct Part {
+    Index slot;  // of the node, in a site t
+    Index link;  // that couples t to s, as in the adjacency of the norm (2 * link + side of s); -1: t is s
+  };
+  struct Place {
+    Index slot;  // of a node w >= v, in site s
+    Index rank;  // of w among the block rows of v
+  };
+  // A site s that W couples to a node v, with as many of the parts and places of v, next in order.
+  struct Coupling {
+    Index site;
+    Index parts;
+    Index places;
+  };
+  struct Stencil {
+    // Of node v: entries [offsets[v], offsets[v+1]), for the sites that touch it.
     std::vector<Index> offsets;
+    std::vector<Index> slots;
     std::vector<Index> sites;
-    std::vector<int> locals;
-    // For each entry, where its ranks start; ranks holds, for the site itself and each linked site in turn, the rank of
-    // each of its nodes among the neighbours of v, or -1 above the diagonal.
-    std::vector<std::size_t> rank_offsets;
-    std::vector<Index> ranks;
+    // Of node v, likewise: all that its columns of the matrix are made of.
+    std::vector<std::size_t> coupling_offsets;
+    std::vector<std::size_t> part_offsets;
+    std::vector<std::size_t> place_offsets;
+    std::vector<Coupling> couplings;
+    std::vector<Part> parts;
+    std::vector<Place> places;
     Matrix weighted_targets;  // W c, scratch of refill_targets
-    Matrix targets;
   };
 
+  void find_slots(const Form& form, Stencil& stencil) const;
+  void find_pattern(const std::vector<Term>& terms);
   template <int N, int U>
-  void refill_nodes(const Term& term, const Incidence& incidence);
+  void refill_nodes(const Term& term, const Stencil& stencil, bool first);
 
   int unknowns_ = 1;
   Index node_count_ = 0;
-  std::vector<Incidence> incidences_;
+  std::vector<Stencil> stencils_;
   SparseMatrix matrix_;
   Matrix right_hand_side_;
 };

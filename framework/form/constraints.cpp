@@ -11,6 +11,7 @@
 #include <set>
 
 #include "framework/base/error.h"
+#include "framework/base/parallel.h"
 
 namespace variform {
 
@@ -170,19 +171,39 @@ Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int 
   matrix_.setFromTriplets(triplets.begin(), triplets.end());
   matrix_.makeCompressed();
 
-  const auto entry = [&](Index row, Index column) {
-    const Index* begin = matrix_.innerIndexPtr() + matrix_.outerIndexPtr()[column];
-    const Index* end = matrix_.innerIndexPtr() + matrix_.outerIndexPtr()[column + 1];
-    return static_cast<Index>(std::lower_bound(begin, end, row) - matrix_.innerIndexPtr());
+  // Mostly the one after the last one asked for.
+  auto entry = [&, next = Index{0}](Index row, Index column) mutable {
+    const Index* rows = matrix_.innerIndexPtr();
+    const Index begin = matrix_.outerIndexPtr()[column];
+    const Index end = matrix_.outerIndexPtr()[column + 1];
+    const bool found = begin <= next && next < end && rows[next] == row;
+    const Index at = found ? next : static_cast<Index>(std::lower_bound(rows + begin, rows + end, row) - rows);
+    next = at + 1;
+    return at;
   };
-  entry_target_.setConstant(H.nonZeros(), -1);
-  entry_doubled_.assign(H.nonZeros(), false);
+  constexpr Index kLongestRun = 1024;  // so that parallel parts are of similar size
+  std::vector<bool> filled(static_cast<std::size_t>(matrix_.nonZeros()), false);
   for (Index j = 0, k = 0; j < unknown_count_; ++j) {
     for (SparseMatrix::InnerIterator it(H, j); it; ++it, ++k) {
-      if (target_[it.row()] < 0 || target_[j] < 0) continue;
-      const auto [row, column] = placed(target_[it.row()], target_[j]);
-      entry_target_[k] = entry(row, column);
-      entry_doubled_[k] = row == column && it.row() != j;
+      const auto i = static_cast<Index>(it.row());
+      if (target_[i] < 0 && target_[j] < 0) continue;
+      if (target_[i] < 0 || target_[j] < 0) {
+        couplings_.push_back(target_[j] < 0 ? Coupling{k, target_[i], j} : Coupling{k, target_[j], i});
+        continue;
+      }
+      const auto [row, column] = placed(target_[i], target_[j]);
+      const Index at = entry(row, column);
+      if (filled[at]) {
+        additions_.push_back({k, at});
+      } else if (!runs_.empty() && runs_.back().count < kLongestRun && runs_.back().source + runs_.back().count == k &&
+                 runs_.back().target + runs_.back().count == at) {
+        ++runs_.back().count;
+      } else {
+        runs_.push_back({k, at, 1});
+      }
+      filled[at] = true;
+      // An off-diagonal entry of H stands for two; on the diagonal of K both meet.
+      if (row == column && i != j) additions_.push_back({k, at});
     }
   }
   diagonal_entry_.resize(size);
@@ -191,14 +212,15 @@ Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int 
 }
 
 double Reduction::refill(const SparseMatrix& H, const Constraints& constraints) {
-  Eigen::Map<Vector> values(matrix_.valuePtr(), matrix_.nonZeros());
-  values.setZero();
+  double* values = matrix_.valuePtr();
   const double* h = H.valuePtr();
-  for (Index k = 0; k < entry_target_.size(); ++k) {
-    if (entry_target_[k] >= 0) values[entry_target_[k]] += entry_doubled_[k] ? 2.0 * h[k] : h[k];
-  }
-  double trace = 0.0;
-  for (Index j = 0; j < unknown_count_; ++j) trace += h[H.outerIndexPtr()[j]];  // the diagonal comes first
+  parallel_for(
+      static_cast<Index>(runs_.size()),
+      [&](Index r) { std::copy_n(h + runs_[r].source, runs_[r].count, values + runs_[r].target); }, 32);
+  for (const Addition& addition : additions_) values[addition.target] += h[addition.source];
+  for (const auto& entry_value : multiplier_entries_) values[entry_value.first] = 0.0;
+  // The diagonal entry of a column comes first.
+  const double trace = parallel_sum(unknown_count_, [&](Index j) { return h[H.outerIndexPtr()[j]]; });
   default_weight_ = 1e3 * trace / std::max<Index>(unknown_count_, 1);
   for (const auto& soft : constraints.soft()) {
     for_each_scalar(soft.vertex, soft.value, unknowns_, [&](Index unknown, int column, double) {
@@ -212,23 +234,15 @@ double Reduction::refill(const SparseMatrix& H, const Constraints& constraints) 
 Eigen::MatrixXd Reduction::right_hand_side(const SparseMatrix& H, const Matrix& g,
                                            const Constraints& constraints) const {
   const Eigen::Index columns = g.cols();
-  Matrix full = g;
-  if (!constraints.fixed().empty()) {
-    const Matrix fixed = fixed_part(constraints, columns);
-    // Only columns of fixed unknowns and rows coupled to them contribute: one pass over the lower triangle.
-    for (Index j = 0; j < unknown_count_; ++j) {
-      for (SparseMatrix::InnerIterator it(H, j); it; ++it) {
-        const auto i = static_cast<Index>(it.row());
-        if (target_[j] < 0 && target_[i] >= 0)
-          full.row(i) -= it.value() * fixed.row(j);
-        else if (target_[i] < 0 && target_[j] >= 0)
-          full.row(j) -= it.value() * fixed.row(i);
-      }
-    }
-  }
   Eigen::MatrixXd rhs = Eigen::MatrixXd::Zero(matrix_.rows(), columns);
   for (Index i = 0; i < unknown_count_; ++i) {
-    if (target_[i] >= 0) rhs.row(target_[i]) += full.row(i);
+    if (target_[i] >= 0) rhs.row(target_[i]) += g.row(i);
+  }
+  if (!couplings_.empty()) {
+    const Matrix fixed = fixed_part(constraints, columns);
+    for (const Coupling& coupling : couplings_) {
+      rhs.row(coupling.row) -= H.valuePtr()[coupling.entry] * fixed.row(coupling.fixed);
+    }
   }
   for (const auto& soft : constraints.soft()) {
     for_each_scalar(soft.vertex, soft.value, unknowns_, [&](Index unknown, int column, double value) {
@@ -260,8 +274,9 @@ Matrix Reduction::fixed_part(const Constraints& constraints, Eigen::Index column
     for_each_scalar(fixed.vertex, fixed.value, unknowns_,
                     [&](Index unknown, int column, double value) { X(unknown, column) = value; });
   }
+  if (constraints.identified().empty()) return X;
   // Vertices identified with a fixed one take its value.
-  bool changed = !constraints.identified().empty();
+  bool changed = true;
   std::set<Index> known;
   for (const auto& fixed : constraints.fixed()) known.insert(fixed.vertex);
   while (changed) {

@@ -64,8 +64,9 @@ class Constraints {
 };
 
 /// Elimination of the hard constraints from H (lower triangle): x = Z y + x_fixed with one y per group of identified
-/// unknowns, K = Z'HZ, and one multiplier row per linear equality. The map from entries of H to entries of K is
-/// computed once per pattern, so refill() only moves values.
+/// unknowns, K = Z'HZ, and one multiplier row per linear equality. Where the entries of H go, in K or to the right-hand
+/// side, is computed once per pattern: refill() only moves values, most of them in long runs, in parallel (same bits on
+/// any number of threads) and without allocation.
 class Reduction {
  public:
   /// unknowns per vertex (1 or d): whether the columns of U are solved for together.
@@ -98,15 +99,34 @@ class Reduction {
  private:
   double soft_weight(const Constraints::Value& soft) const { return soft.weight > 0.0 ? soft.weight : default_weight_; }
 
+  // Consecutive entries of H that become consecutive entries of K.
+  struct Run {
+    Index source;
+    Index target;
+    Index count;
+  };
+  // An entry of H that adds to one of K: unknowns are identified.
+  struct Addition {
+    Index source;
+    Index target;
+  };
+  // An entry of H between a free and a fixed unknown.
+  struct Coupling {
+    Index entry;
+    Index row;  // of K
+    Index fixed;
+  };
+
   int unknowns_;
   Index unknown_count_;
   Index free_count_ = 0;
   Index multiplier_count_ = 0;
   double default_weight_ = 0.0;
-  IndexVector target_;               // unknown -> y, or -1 when fixed
-  IndexVector entry_target_;         // entry of H -> entry of K, or -1
-  std::vector<bool> entry_doubled_;  // an off-diagonal entry of H that lands on the diagonal of K counts twice
-  IndexVector diagonal_entry_;       // y -> entry of its diagonal in K
+  IndexVector target_;  // unknown -> y, or -1 when fixed
+  std::vector<Run> runs_;
+  std::vector<Addition> additions_;
+  std::vector<Coupling> couplings_;
+  IndexVector diagonal_entry_;  // y -> entry of its diagonal in K
   SparseMatrix matrix_;
   std::vector<std::pair<Index, double>> multiplier_entries_;  // constant entries of the equality rows
 };

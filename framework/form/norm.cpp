@@ -258,13 +258,13 @@ void Norm::build_adjacency(Index sites) {
   }
 }
 
-Matrix Norm::apply(const Matrix& R) const {
+Matrix Norm::apply(const Eigen::Ref<const Matrix>& R) const {
   Matrix result;
   apply(R, result);
   return result;
 }
 
-void Norm::apply(const Matrix& R, Matrix& result) const {
+void Norm::apply(const Eigen::Ref<const Matrix>& R, Matrix& result) const {
   if (R.rows() != site_count()) {
     throw UsageError(fmt::format("norm: {} rows of residuals for {} sites", R.rows(), site_count()));
   }
@@ -274,14 +274,14 @@ void Norm::apply(const Matrix& R, Matrix& result) const {
   }
   result.resize(R.rows(), R.cols());
   parallel_for(site_count(), [&](Index s) {
-    const auto row = [&](const auto& M, Index i) { return M.data() + static_cast<std::size_t>(i) * size; };
+    const auto row = [&](Index i) { return R.data() + i * R.outerStride(); };
     double* y = result.data() + static_cast<std::size_t>(s) * size;
-    const double* x = row(R, s);
+    const double* x = row(s);
     for (int i = 0; i < size; ++i) y[i] = diagonal_[s] * x[i];
     for (Index k = adjacency_offsets_[s]; k < adjacency_offsets_[s + 1]; ++k) {
       const Index link = adjacency_[k] / 2;
       const bool first = adjacency_[k] % 2 == 0;
-      const double* other = row(R, links_(link, first ? 1 : 0));
+      const double* other = row(links_(link, first ? 1 : 0));
       const double weight = link_weights_[link];
       if (transports_.size() == 0) {
         for (int i = 0; i < size; ++i) y[i] += weight * other[i];

@@ -64,8 +64,8 @@ class Norm {
   virtual std::vector<Index> root_links() const { return {}; }
 
   /// W R for residuals R (sites x (n * columns)), each row vec(r_s).
-  Matrix apply(const Matrix& R) const;
-  void apply(const Matrix& R, Matrix& result) const;
+  Matrix apply(const Eigen::Ref<const Matrix>& R) const;
+  void apply(const Eigen::Ref<const Matrix>& R, Matrix& result) const;
   /// sum_st W_st r_s' T_st r_t; deterministic.
   double squared(const Matrix& R) const;
   /// The same at beta = 0, E_P: sum_s A_s |r_s|^2 for cells; deterministic.

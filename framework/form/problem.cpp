@@ -71,16 +71,20 @@ void Problem::refresh_operator() {
     terms_[1].norm = diagonal_norm(norm_.beta * own.norm->diagonal());
   }
   matrix_stale_ = targets_stale_ = true;
+  target_state_.resize(0, 0);
   times_.declare += watch.seconds();
 }
 
 Index Problem::refresh_target(const Matrix& U) {
   if (traits_.state == StateDependence::none) return 0;
   const Stopwatch watch;
-  const Index undefined = energy_.refresh_target(domain_, U, terms_.front().form);
-  targets_stale_ = true;
+  if (target_state_.size() != U.size() || target_state_ != U) {
+    undefined_targets_ = energy_.refresh_target(domain_, U, terms_.front().form);
+    target_state_ = U;
+    targets_stale_ = true;
+  }
   times_.declare += watch.seconds();
-  return undefined;
+  return undefined_targets_;
 }
 
 void Problem::ensure_pattern() {
@@ -203,7 +207,7 @@ EnergyValue ProblemObjective::value(const Matrix& U) {
 }
 
 Matrix ProblemObjective::local_global_step(const Matrix& U) {
-  undefined_targets_ += problem_.refresh_target(U);
+  problem_.refresh_target(U);
   return problem_.solve(backend_);
 }
 

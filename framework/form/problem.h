@@ -49,7 +49,8 @@ class Problem {
 
   /// Re-declares E and W after the positions of the domain changed.
   void refresh_operator();
-  /// Re-declares c for the state U; returns how many sites kept their target because it is undefined there.
+  /// Re-declares c for the state U; returns how many sites kept their target because it is undefined there. Does
+  /// nothing when c is of this state already.
   Index refresh_target(const Matrix& U);
 
   /// Minimizer for the current (E, c): |V| x d. Factorizes when needed; a least-squares backend gets the stacked form.
@@ -86,6 +87,8 @@ class Problem {
   std::unique_ptr<Reduction> reduction_;
   bool matrix_stale_ = true;
   bool targets_stale_ = true;
+  Matrix target_state_;  // that c is declared for; empty: none
+  Index undefined_targets_ = 0;
   const LinearBackend* factorized_in_ = nullptr;
   int factorization_ = -1;  // of that backend: another user may have factorized something else since
   double default_soft_weight_ = 0.0;
@@ -101,7 +104,7 @@ class ProblemObjective final : public Objective {
   Matrix local_global_step(const Matrix& U) override;
   double length_scale() const override { return problem_.domain().diameter(); }
 
-  /// Sites that kept their target, summed over all calls.
+  /// Sites that kept their target, summed over the states that value() was asked for.
   Index undefined_targets() const { return undefined_targets_; }
 
  private:

@@ -5,12 +5,57 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "framework/base/error.h"
-#include "framework/operators/operators.h"
 
 namespace variform {
+namespace {
+
+// Singular values of F, descending, the last with the sign of the determinant.
+Eigen::Vector2d signed_singular_values(const Eigen::Matrix2d& F) {
+  // F is a similarity plus a reflected one; their scales add and subtract.
+  const double rotating = std::hypot(F(0, 0) + F(1, 1), F(0, 1) - F(1, 0));
+  const double reflecting = std::hypot(F(0, 0) - F(1, 1), F(0, 1) + F(1, 0));
+  return {0.5 * (rotating + reflecting), 0.5 * (rotating - reflecting)};
+}
+
+Eigen::Vector3d signed_singular_values(const Eigen::Matrix3d& F) {
+  Eigen::Vector3d sigma = Eigen::JacobiSVD<Eigen::Matrix3d>(F).singularValues();
+  if (F.determinant() < 0.0) sigma[2] = -sigma[2];
+  return sigma;
+}
+
+template <int D>
+Distortion distortion_of(const Domain& domain, const Matrix& U) {
+  Distortion result;
+  result.min_determinant = std::numeric_limits<double>::infinity();
+  for (Index t = 0; t < domain.cell_count(); ++t) {
+    const auto G = domain.gradient(t);
+    Eigen::Matrix<double, D, D> F = Eigen::Matrix<double, D, D>::Zero();
+    for (int i = 0; i <= D; ++i) F.noalias() += G.col(i) * U.row(domain.cells()(t, i));
+    const double determinant = F.determinant();
+    const Eigen::Matrix<double, D, 1> sigma = signed_singular_values(F);
+    double differences = 0.0;
+    for (int i = 0; i < D; ++i) {
+      for (int j = i + 1; j < D; ++j) differences += (sigma[i] - sigma[j]) * (sigma[i] - sigma[j]);
+    }
+    const double weight = domain.cell_measures()[t] / domain.total_measure();
+    const double isometric = (sigma.array() - 1.0).square().sum();
+    result.isometric += weight * isometric;
+    result.conformal += weight * differences / D;
+    result.authalic += weight * (determinant - 1.0) * (determinant - 1.0);
+    result.metric += weight * (isometric - differences / (D == 2 ? 4.0 : 5.0));
+    result.area_ratio += weight * determinant;
+    result.min_determinant = std::min(result.min_determinant, determinant);
+    if (!(determinant > 0.0)) result.flipped.push_back(t);
+  }
+  return result;
+}
+
+}  // namespace
 
 Distortion distortion(const Domain& domain, const Matrix& U) {
   const int d = domain.ambient_dimension();
@@ -18,28 +63,7 @@ Distortion distortion(const Domain& domain, const Matrix& U) {
     throw UsageError(fmt::format("distortion: {} x {} values on a {} domain with {} vertices", U.rows(), U.cols(),
                                  to_string(domain.kind()), domain.vertex_count()));
   }
-  Distortion result;
-  result.min_determinant = std::numeric_limits<double>::infinity();
-  for (Index t = 0; t < domain.cell_count(); ++t) {
-    const Eigen::MatrixXd F = deformation(domain, t, U);
-    const double determinant = F.determinant();
-    Vector sigma = Eigen::JacobiSVD<Eigen::MatrixXd>(F).singularValues();
-    if (determinant < 0.0) sigma[d - 1] = -sigma[d - 1];
-    double differences = 0.0;
-    for (int i = 0; i < d; ++i) {
-      for (int j = i + 1; j < d; ++j) differences += (sigma[i] - sigma[j]) * (sigma[i] - sigma[j]);
-    }
-    const double weight = domain.cell_measures()[t] / domain.total_measure();
-    const double isometric = (sigma.array() - 1.0).square().sum();
-    result.isometric += weight * isometric;
-    result.conformal += weight * differences / d;
-    result.authalic += weight * (determinant - 1.0) * (determinant - 1.0);
-    result.metric += weight * (isometric - differences / (d == 2 ? 4.0 : 5.0));
-    result.area_ratio += weight * determinant;
-    result.min_determinant = std::min(result.min_determinant, determinant);
-    if (!(determinant > 0.0)) result.flipped.push_back(t);
-  }
-  return result;
+  return d == 2 ? distortion_of<2>(domain, U) : distortion_of<3>(domain, U);
 }
 
 Index boundary_crossings(const Domain& domain, const Matrix& U) {

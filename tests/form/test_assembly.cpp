@@ -40,8 +40,10 @@ SparseMatrix expanded(const SparseMatrix& W, int n) {
 
 void expect_equals_sparse_product(const std::vector<Term>& terms) {
   Assembly assembly(terms);
-  assembly.refill(terms);
-  assembly.refill_targets(terms);
+  for (int pass = 0; pass < 2; ++pass) {  // the second replaces the values of the first
+    assembly.refill(terms);
+    assembly.refill_targets(terms);
+  }
   const Index size = terms.front().form.unknown_count();
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(size, size);
   Eigen::MatrixXd g = Eigen::MatrixXd::Zero(size, terms.front().form.columns());
@@ -182,6 +184,8 @@ TEST(Assembly, RefusesTermsThatDoNotFit) {
   terms.push_back({random_form(domain, 2, 1, 2), cell_norm(domain, {})});
   EXPECT_THROW(Assembly{terms}, UsageError);
   EXPECT_THROW(Assembly{one_term(random_form(domain, 2, 1, 1), vertex_norm(domain, {}))}, UsageError);
+  const Matrix frames = Eigen::RowVector4d(1.0, 0.0, 0.0, 1.0).replicate(domain.cell_count(), 1);
+  EXPECT_THROW(Assembly{one_term(random_form(domain, 3, 1, 1), cell_norm(domain, {.beta = 0.3}, frames))}, UsageError);
   EXPECT_THROW(Form::from_sparse(SparseMatrix(5, 3), Eigen::MatrixXd(5, 1), 2), UsageError);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <Eigen/Dense>
 #include <gmock/gmock.h>
+#include <tbb/global_control.h>
 
 #include <cmath>
 #include <limits>
@@ -11,6 +12,8 @@
 #include "framework/form/problem.h"
 #include "solvers/linear/linear_backends.h"
 #include "tests/energies/energy_suite.h"
+#include "tests/form/allocation_count.h"
+#include "tests/support.h"
 
 namespace variform {
 namespace {
@@ -111,6 +114,82 @@ TEST_F(ConstraintTest, LinearEqualitiesHoldAndTheRestIsOptimal) {
     EXPECT_NEAR((problem.value(U + step * direction).total - problem.value(U - step * direction).total) / (2 * step),
                 0.0, 1e-10);
   }
+}
+
+TEST_F(ConstraintTest, ReductionIsTheProductWithTheEliminationMatrix) {
+  Constraints constraints = pinned_;
+  constraints.attract(30, Eigen::RowVector2d(0.2, 0.1), 7.0);
+  constraints.identify(10, 11);  // neighbours: an off-diagonal entry of H lands on the diagonal of K
+  constraints.identify(11, 20);
+  constraints.identify(12, 5);  // with a fixed one
+  for (const std::string name : {"asap", "arap"}) {
+    const auto energy = make(name);
+    Problem problem(domain_, *make(name), {.beta = 0.3}, constraints);
+    const SparseMatrix& H = problem.normal_matrix();
+    const Matrix& g = problem.normal_right_hand_side();
+    const int unknowns = problem.traits().unknowns;
+    Reduction reduction(H, constraints, unknowns);
+    Vector values[2];
+    for (int threads = 1; threads <= 2; ++threads) {
+      const tbb::global_control control(tbb::global_control::max_allowed_parallelism, threads);
+      reduction.refill(H, constraints);
+      values[threads - 1] = Eigen::Map<const Vector>(reduction.matrix().valuePtr(), reduction.matrix().nonZeros());
+    }
+    EXPECT_EQ(values[0], values[1]) << name;
+    const long before = testing::allocation_count();
+    reduction.refill(H, constraints);
+    EXPECT_EQ(testing::allocation_count() - before, 0) << name;
+
+    Eigen::MatrixXd full = testing::dense_symmetric(H);
+    Eigen::MatrixXd right = g - full * Eigen::MatrixXd(reduction.fixed_part(constraints, g.cols()));
+    for (int i = 0; i < 2; ++i)
+      right(30 * unknowns + (unknowns == 2 ? i : 0), unknowns == 2 ? 0 : i) += 7.0 * (0.2 - 0.1 * i);
+    for (int i = 0; i < unknowns; ++i) full(30 * unknowns + i, 30 * unknowns + i) += 7.0;
+    const Eigen::MatrixXd Z = reduction.elimination();
+    const double scale = full.cwiseAbs().maxCoeff();
+    EXPECT_LT((testing::dense_symmetric(reduction.matrix()) - Z.transpose() * full * Z).cwiseAbs().maxCoeff(),
+              1e-14 * scale)
+        << name;
+    EXPECT_LT((reduction.right_hand_side(H, g, constraints) - Z.transpose() * right).cwiseAbs().maxCoeff(),
+              1e-14 * scale)
+        << name;
+  }
+}
+
+// Counts how often targets are declared.
+class CountingEnergy final : public Energy {
+ public:
+  explicit CountingEnergy(std::unique_ptr<Energy> energy) : energy_(std::move(energy)) {}
+  EnergyTraits traits(const Domain& domain) const override { return energy_->traits(domain); }
+  Form declare(const Domain& domain) const override { return energy_->declare(domain); }
+  void refresh_operator(const Domain& domain, Form& form) const override { energy_->refresh_operator(domain, form); }
+  Index refresh_target(const Domain& domain, const Matrix& U, Form& form) const override {
+    ++count;
+    return energy_->refresh_target(domain, U, form);
+  }
+  mutable int count = 0;
+
+ private:
+  std::unique_ptr<Energy> energy_;
+};
+
+TEST_F(ConstraintTest, TargetsAreDeclaredOncePerState) {
+  const CountingEnergy energy(make("arap"));
+  Problem problem(domain_, energy, {.beta = 0.3}, pinned_);
+  const auto linear = make_linear_backend("eigen.ldlt");
+  ProblemObjective objective(problem, *linear);
+  const Matrix U = 1.1 * domain_.positions();
+  objective.value(U);
+  const Matrix next = objective.local_global_step(U);
+  EXPECT_EQ(energy.count, 1);
+  objective.value(next);
+  objective.value(U);
+  EXPECT_EQ(energy.count, 3);
+  EXPECT_EQ(objective.local_global_step(U), next);
+  EXPECT_EQ(energy.count, 3);
+  problem.refresh_operator();  // targets depend on it
+  objective.value(U);
+  EXPECT_EQ(energy.count, 4);
 }
 
 TEST_F(ConstraintTest, NewValuesNeedNoNewFactorization) {

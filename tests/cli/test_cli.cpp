@@ -1,0 +1,733 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <Eigen/SVD>
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <nlohmann/json.hpp>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <fstream>
+#include <map>
+#include <regex>
+#include <sstream>
+#include <thread>
+
+#include "energies/energies.h"
+#include "experiments/pipelines.h"
+#include "framework/experiment/domain_source.h"
+#include "framework/form/norm.h"
+#include "solvers/linear/linear_backends.h"
+#include "solvers/nonlinear/nonlinear_backends.h"
+#include "tests/experiment/temporary_folder.h"
+
+namespace variform {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::Contains;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using ::testing::StartsWith;
+
+/// A process of the command line program with its output in files.
+class Process {
+ public:
+  Process(const std::vector<std::string>& arguments, const fs::path& folder)
+      : out_(folder / "stdout.txt"), err_(folder / "stderr.txt") {
+    std::vector<std::string> words = {VARIFORM_CLI};
+    words.insert(words.end(), arguments.begin(), arguments.end());
+    std::vector<char*> argv;
+    for (std::string& word : words) argv.push_back(word.data());
+    argv.push_back(nullptr);
+    const int out = open(out_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
+    const int err = open(err_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
+    pid_ = fork();
+    if (pid_ == 0) {
+      dup2(out, STDOUT_FILENO);
+      dup2(err, STDERR_FILENO);
+      execv(argv[0], argv.data());
+      _exit(127);
+    }
+    close(out);
+    close(err);
+  }
+
+  void signal(int number) const { kill(pid_, number); }
+  /// Exit code; minus the number of the signal that killed the process.
+  int wait() const {
+    int status = 0;
+    waitpid(pid_, &status, 0);
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+  }
+  std::string out() const { return content_of(out_); }
+  std::string err() const { return content_of(err_); }
+
+ private:
+  fs::path out_;
+  fs::path err_;
+  pid_t pid_ = -1;
+};
+
+/// Each test has an empty folder; "{}" in arguments stands for it.
+class Cli : public ::testing::Test {
+ protected:
+  struct Result {
+    int code;
+    std::string out;
+    std::string err;
+  };
+
+  fs::path at(const std::string& name) const { return folder_ / name; }
+
+  void write(const std::string& name, const std::string& content) const {
+    fs::create_directories(at(name).parent_path());
+    std::ofstream(at(name), std::ios::binary) << content;
+  }
+
+  Process start(std::vector<std::string> arguments) const {
+    for (std::string& argument : arguments) {
+      for (std::size_t i = argument.find("{}"); i != std::string::npos; i = argument.find("{}", i)) {
+        argument.replace(i, 2, folder_.path().string());
+      }
+    }
+    return {arguments, folder_.path()};
+  }
+
+  Result call(const std::vector<std::string>& arguments) const {
+    const Process process = start(arguments);
+    const int code = process.wait();
+    const Result result{code, process.out(), process.err()};
+    EXPECT_GE(code, 0) << "killed by a signal\n" << result.err;
+    EXPECT_THAT(result.err, Not(HasSubstr("terminate called")));
+    return result;
+  }
+
+  /// run {}/study.toml --out {}/out, without pictures.
+  Result run_study(const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = {"run", "{}/study.toml", "--out", "{}/out", "--no-figures"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return call(arguments);
+  }
+
+  nlohmann::json record(const std::string& out = "out") const {
+    return nlohmann::json::parse(content_of(at(out + "/record.json")));
+  }
+
+ private:
+  TemporaryFolder folder_;
+};
+
+/// Sixteen squares of two triangles each; the left side is moved a little.
+const std::string kStudy = R"(pipeline = "deform.planar"
+[domain]
+generator = "square"
+h = 0.25
+[energy]
+type = "asap"
+[norm]
+beta = 0.2
+[[constraint]]
+kind = "hard"
+vertices = [0, 5]
+move = [0.1, 0.05]
+[[constraint]]
+kind = "hard"
+vertices = [24]
+)";
+
+/// Two by two squares with vertices in no particular order.
+const std::string kMesh = R"(v 2 2 0
+v 0 0 0
+v 1 1 0
+v 2 0 0
+v 0 2 0
+v 1 0 0
+v 0 1 0
+v 1 2 0
+v 2 1 0
+f 2 6 3
+f 2 3 7
+f 6 4 9
+f 6 9 3
+f 7 3 8
+f 7 8 5
+f 3 9 1
+f 3 1 8
+)";
+
+struct ObjMesh {
+  std::vector<Eigen::Vector2d> vertices;
+  std::vector<std::array<int, 3>> triangles;
+};
+
+ObjMesh read_obj(const std::string& text) {
+  ObjMesh mesh;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream words(line);
+    std::string kind;
+    words >> kind;
+    if (kind == "v") {
+      Eigen::Vector2d x;
+      words >> x[0] >> x[1];
+      mesh.vertices.push_back(x);
+    } else if (kind == "f") {
+      std::array<int, 3> t{};
+      words >> t[0] >> t[1] >> t[2];
+      mesh.triangles.push_back(t);
+    }
+  }
+  return mesh;
+}
+
+/// The energy of ARAP and the count of flipped triangles, from nothing but the two meshes.
+std::pair<double, int> arap_energy(const ObjMesh& rest, const ObjMesh& deformed) {
+  double energy = 0.0;
+  int flipped = 0;
+  for (const auto& t : rest.triangles) {
+    const auto edges = [&t](const ObjMesh& mesh) {
+      Eigen::Matrix2d E;
+      for (int i = 0; i < 2; ++i) E.col(i) = mesh.vertices[t[i + 1] - 1] - mesh.vertices[t[0] - 1];
+      return E;
+    };
+    const Eigen::Matrix2d F = edges(deformed) * edges(rest).inverse();
+    const Eigen::JacobiSVD<Eigen::Matrix2d> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Eigen::Matrix2d R = svd.matrixU() * svd.matrixV().transpose();
+    if (R.determinant() < 0.0) {
+      Eigen::Matrix2d U = svd.matrixU();
+      U.col(1) *= -1.0;
+      R = U * svd.matrixV().transpose();
+    }
+    energy += 0.5 * edges(rest).determinant() * (F - R).squaredNorm();
+    flipped += F.determinant() <= 0.0;
+  }
+  return {energy, flipped};
+}
+
+TEST_F(Cli, ARunWritesRowsAndMeshesAsTheContractSays) {
+  write("mesh.obj", kMesh);
+  write("study.toml", R"(title = "contract"
+pipeline = "deform.planar"
+[domain]
+mesh = "mesh.obj"
+[energy]
+type = "arap"
+[solver]
+tolerance = 1e-12
+max_iterations = 5000
+[[constraint]]
+kind = "hard"
+vertices = [1, 6, 4]
+[[constraint]]
+kind = "hard"
+vertices = [0, 8]
+positions = [[2.5, 2.25], [2.625, 1]]
+[[constraint]]
+kind = "hard"
+vertices = [3]
+move = [0.5, -0.25]
+[sweep]
+"norm.beta" = [0.0, 0.3]
+"norm.facet_weight" = ["facet_measure", "finite_volume"]
+)");
+  const Result result = run_study({"--set", "title=contracted"});
+  EXPECT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(result.err, "");
+
+  const nlohmann::json json = record();
+  EXPECT_EQ(json["title"], "contracted");
+  EXPECT_EQ(json["pipeline"], "deform.planar");
+  EXPECT_THAT(json["config"].get<std::string>(), HasSubstr("title = \"contracted\""));
+  EXPECT_TRUE(json["provenance"].contains("variform"));
+  EXPECT_TRUE(json["warnings"].empty()) << json["warnings"];
+  ASSERT_EQ(json["rows"].size(), 4u);
+
+  const ObjMesh rest = read_obj(kMesh);
+  for (std::size_t i = 0; i < 4; ++i) {
+    const nlohmann::json& row = json["rows"][i];
+    for (const auto& [key, value] : row.items()) EXPECT_FALSE(value.is_structured()) << key << " is not flat";
+    EXPECT_EQ(row["norm.beta"], i < 2 ? 0.0 : 0.3);
+    EXPECT_EQ(row["norm.facet_weight"], i % 2 == 0 ? "facet_measure" : "finite_volume");
+    EXPECT_EQ(row["vertices"], 9);
+    EXPECT_EQ(row["cells"], 8);
+    EXPECT_TRUE(row["iterations"].is_number_integer());
+    EXPECT_GT(row["iterations"], 1);
+    EXPECT_EQ(row["converged"], true);
+    EXPECT_LT(row["solver_residual"], 1e-10);
+    for (const char* phase : {"declare", "pattern", "refill", "analyze", "factorize", "solve", "total"}) {
+      EXPECT_GE(row["seconds_" + std::string(phase)], 0.0) << phase;
+    }
+
+    ASSERT_TRUE(row["mesh"].is_string());
+    const fs::path path = at("out") / row["mesh"].get<std::string>();
+    EXPECT_EQ(path.extension(), ".obj");
+    const ObjMesh deformed = read_obj(content_of(path));
+    EXPECT_EQ(deformed.triangles, rest.triangles);
+    ASSERT_EQ(deformed.vertices.size(), 9u);
+    for (const int v : {1, 6, 4}) EXPECT_EQ(deformed.vertices[v], rest.vertices[v]);
+    EXPECT_EQ(deformed.vertices[0], Eigen::Vector2d(2.5, 2.25));
+    EXPECT_EQ(deformed.vertices[8], Eigen::Vector2d(2.625, 1.0));
+    EXPECT_EQ(deformed.vertices[3], Eigen::Vector2d(2.5, -0.25));
+    for (const int v : {2, 5, 7}) EXPECT_GT((deformed.vertices[v] - rest.vertices[v]).norm(), 0.05) << "free vertex";
+    const auto [energy, flipped] = arap_energy(rest, deformed);
+    EXPECT_NEAR(row["energy"], energy, 1e-9 * energy);
+    EXPECT_EQ(row["flipped"], flipped);
+    const double beta = row["norm.beta"];
+    const double blend = (1.0 - beta) * row["energy"].get<double>() + beta * row["energy_R"].get<double>();
+    EXPECT_NEAR(row["energy_W"], blend, 1e-12 * blend);
+  }
+  EXPECT_NE(json["rows"][0]["mesh"], json["rows"][1]["mesh"]);
+  for (const char* file : {"table.csv", "table.md", "table.tex", "table.json", "report.html"}) {
+    EXPECT_TRUE(fs::exists(at("out") / file)) << file;
+  }
+}
+
+TEST_F(Cli, RunPrintsTheTableUnlessQuiet) {
+  write("study.toml", kStudy);
+  const Result result = run_study();
+  EXPECT_THAT(result.out, HasSubstr("| vertices"));
+  EXPECT_THAT(result.out, HasSubstr("report.html"));
+  EXPECT_EQ(run_study({"--quiet"}).out, "");
+}
+
+TEST_F(Cli, SetReplacesValuesAndVertexOrderIsThatOfTheMesh) {
+  write("study.toml", kStudy);
+  ASSERT_EQ(run_study({"--set", "norm.beta=0.5", "--set", "energy.type=larap", "--set", "domain.h=0.5"}).code, 3)
+      << "vertex 24 is gone";
+  ASSERT_EQ(
+      run_study({"--set", "norm.beta=0.5", "--set", "energy.type=larap", "--set", "constraint[1].vertices=[20]"}).code,
+      0);
+  EXPECT_EQ(record()["rows"][0]["beta"], 0.5);
+  EXPECT_THAT(record()["config"].get<std::string>(), HasSubstr("type = \"larap\""));
+}
+
+TEST_F(Cli, EveryEnergyThatFitsRuns) {
+  write("study.toml", kStudy);
+  for (const EnergyEntry& entry : energies().entries()) {
+    const Result result = run_study({"--quiet", "--set", "energy.type=" + entry.name});
+    EXPECT_TRUE(result.code == 0 || (result.code == 2 && result.err.find("error: ") == 0))
+        << entry.name << " ends with " << result.code << ": " << result.err;
+  }
+}
+
+TEST_F(Cli, VersionTellsLicenceAndBlas) {
+  const Result result = call({"--version"});
+  EXPECT_EQ(result.code, 0);
+  EXPECT_THAT(result.out, StartsWith("variform " VARIFORM_TEST_VERSION "\n"));
+  EXPECT_THAT(result.out, HasSubstr("licence of this binary: "));
+  EXPECT_THAT(result.out, HasSubstr("BLAS: "));
+}
+
+TEST_F(Cli, ListShowsEverythingThatIsRegistered) {
+  const Result result = call({"list"});
+  EXPECT_EQ(result.code, 0);
+  const auto expect_listed = [&](const std::string& name) {
+    EXPECT_TRUE(std::regex_search(result.out, std::regex("(^|\n) +" + name + "(\\s|$)"))) << name;
+  };
+  for (const std::string& name : energies().names()) expect_listed(name);
+  for (const std::string& name : linear_backends().names()) expect_listed(name);
+  for (const std::string& name : nonlinear_backends().names()) expect_listed(name);
+  for (const std::string& name : generators().names()) expect_listed(name);
+  for (const std::string& name : facet_weight_names()) expect_listed(name);
+  for (const PipelineEntry& entry : pipelines().entries()) {
+    expect_listed(entry.name);
+    for (const Metric& metric : entry.metrics) expect_listed(metric.column.key);
+    for (const Section& section : entry.parameters) {
+      for (const Parameter& parameter : section.parameters) expect_listed(parameter.name);
+    }
+  }
+  EXPECT_THAT(call({"list", "energies"}).out, Not(HasSubstr("generators")));
+  EXPECT_THAT(call({"list", "metrics"}).out, HasSubstr("solver_residual"));
+}
+
+TEST_F(Cli, ListNamesEveryMetricOfARow) {
+  write("study.toml", kStudy);
+  ASSERT_EQ(run_study().code, 0);
+  std::vector<std::string> metrics = {"mesh"};
+  for (const Metric& metric : pipelines().find("deform.planar").metrics) metrics.push_back(metric.column.key);
+  for (const auto& [key, value] : record()["rows"][0].items()) EXPECT_THAT(metrics, Contains(key));
+}
+
+TEST_F(Cli, InfoTellsFactsOfAMesh) {
+  write("mesh.obj", kMesh);
+  const Result result = call({"info", "{}/mesh.obj"});
+  EXPECT_EQ(result.code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("9 vertices, 8 triangles"));
+  EXPECT_THAT(result.out, HasSubstr("domain: planar, 1 component, 8 interior facets, 8 boundary facets"));
+  EXPECT_THAT(result.out, HasSubstr("Euler characteristic: 1"));
+  EXPECT_THAT(result.out, HasSubstr("measure: 4;"));
+}
+
+TEST_F(Cli, DoctorTriesEveryBackend) {
+  const Result result = call({"doctor"});
+  EXPECT_EQ(result.code, 0);
+  for (const LinearBackendEntry& entry : linear_backends().entries()) {
+    EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
+  }
+  EXPECT_THAT(result.out, HasSubstr("gnuplot: "));
+}
+
+TEST_F(Cli, HelpEndsWell) {
+  EXPECT_EQ(call({"--help"}).code, 0);
+  EXPECT_THAT(call({"run", "--help"}).out, HasSubstr("--set"));
+}
+
+TEST_F(Cli, SweepRunsOverAGrid) {
+  write("study.toml", kStudy);
+  const Result result = call({"sweep", "{}/study.toml", "--out", "{}/out", "--no-figures", "--quiet", "--grid",
+                              "energy.type=[\"asap\", \"larap\"]", "--grid", "norm.beta=[0, 0.2, 0.4]"});
+  EXPECT_EQ(result.code, 0) << result.err;
+  const nlohmann::json rows = record()["rows"];
+  ASSERT_EQ(rows.size(), 6u);
+  EXPECT_EQ(rows[4]["energy.type"], "larap");
+  EXPECT_EQ(rows[4]["norm.beta"], 0.2);
+  EXPECT_EQ(call({"sweep", "{}/study.toml", "--out", "{}/out"}).code, 2) << "nothing to sweep";
+}
+
+const std::string kClaim =
+    "[[claim]]\ntext = \"nothing flips\"\npublished = \"0\"\nmetric = \"flipped\"\nis = \"== 0\"\n";
+const std::string kFalseClaim = "[[claim]]\ntext = \"more vertices\"\nmetric = \"vertices\"\nis = \"> 25\"\n";
+const std::string kVoidClaim = "[[claim]]\ntext = \"void\"\nmetric = \"nothing\"\nis = \"> 25\"\n";
+
+TEST_F(Cli, ReproduceAnswersByItsClaims) {
+  write("good/study.toml", kStudy + kClaim);
+  const std::vector<std::string> options = {"--out", "{}/out", "--no-figures"};
+  const auto reproduce = [&](std::vector<std::string> places) {
+    places.insert(places.begin(), "reproduce");
+    places.insert(places.end(), options.begin(), options.end());
+    return call(places);
+  };
+  const Result good = reproduce({"{}/good"});
+  EXPECT_EQ(good.code, 0) << good.err;
+  EXPECT_TRUE(std::regex_search(good.out, std::regex(R"(good/study \| nothing flips \| 0 .*\| holds)"))) << good.out;
+  EXPECT_THAT(good.out, HasSubstr("1 claims, 0 of them not held; 0 experiments with errors"));
+  EXPECT_TRUE(fs::exists(at("out/good/study/record.json")));
+  EXPECT_THAT(content_of(at("out/claims.csv")), HasSubstr("good/study,nothing flips,0,0 (1 row),holds"));
+
+  write("bad/study.toml", kStudy + kFalseClaim);
+  const Result bad = reproduce({"{}/good", "{}/bad"});
+  EXPECT_EQ(bad.code, 1);
+  EXPECT_THAT(bad.out, HasSubstr("2 claims, 1 of them not held"));
+  write("void/study.toml", kStudy + kVoidClaim);
+  EXPECT_EQ(reproduce({"{}/void/study.toml"}).code, 1) << "undecided is not held";
+
+  write("broken/study.toml", kStudy + "[typo]\n");
+  const Result broken = reproduce({"{}/good", "{}/bad", "{}/broken"});
+  EXPECT_EQ(broken.code, 2);
+  EXPECT_THAT(broken.err, HasSubstr("key 'typo'"));
+  EXPECT_THAT(broken.out, HasSubstr("1 experiments with errors"));
+
+  write("elsewhere/study.toml", "requires = [\"no-such-mesh.obj\"]\n" + kStudy + kFalseClaim);
+  fs::remove_all(at("out"));
+  const Result skipped = reproduce({"{}/elsewhere"});
+  EXPECT_EQ(skipped.code, 0) << skipped.err;
+  EXPECT_THAT(skipped.out, HasSubstr("skipped"));
+  EXPECT_EQ(reproduce({"{}/nowhere"}).code, 2);
+}
+
+TEST_F(Cli, AFailedClaimIsNoFailureOfARun) {
+  write("study.toml", kStudy + kFalseClaim);
+  EXPECT_EQ(run_study().code, 0);
+  EXPECT_EQ(record()["claims"][0]["outcome"], "fails");
+}
+
+TEST_F(Cli, ResumeGivesTheSameTable) {
+  write("study.toml", kStudy + "[sweep]\n\"norm.beta\" = [0, 0.2, 0.4]\n");
+  ASSERT_EQ(run_study().code, 0);
+  const std::string table = content_of(at("out/table.csv"));
+  fs::remove(at("out/record.json"));
+  ASSERT_EQ(run_study({"--resume"}).code, 0);
+  EXPECT_EQ(content_of(at("out/table.csv")), table) << "with the seconds of the first run";
+  ASSERT_EQ(run_study().code, 0);
+  EXPECT_NE(content_of(at("out/table.csv")), table) << "without --resume, times differ";
+}
+
+TEST_F(Cli, AnInterruptLeavesAValidRecordOfWhatIsFinished) {
+  write("study.toml", kStudy + kClaim);
+  std::string betas = "0";
+  constexpr int kPoints = 80;
+  for (int i = 1; i < kPoints; ++i) betas += fmt::format(", {}", i / 100.0);
+  const std::vector<std::string> sweep = {"sweep",
+                                          "{}/study.toml",
+                                          "--out",
+                                          "{}/out",
+                                          "--no-figures",
+                                          "--grid",
+                                          fmt::format("norm.beta=[{}]", betas),
+                                          "--set",
+                                          "domain.h=0.02",
+                                          "--set",
+                                          "constraint[0].vertices=[0, 1]",
+                                          "--set",
+                                          "energy.type=arap",
+                                          "--set",
+                                          "constraint[1].vertices=[2600]"};
+  const Process process = start(sweep);
+  for (int i = 0; i < 6000 && !fs::exists(at("out/points/point-0001.json")); ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  ASSERT_TRUE(fs::exists(at("out/points/point-0001.json"))) << process.err();
+  EXPECT_FALSE(fs::exists(at("out/record.json"))) << "there is no record before the end";
+  process.signal(SIGINT);
+  EXPECT_EQ(process.wait(), 128 + SIGINT);
+  const nlohmann::json partial = record();
+  const std::size_t rows = partial["rows"].size();
+  EXPECT_GE(rows, 2u);
+  EXPECT_LT(rows, static_cast<std::size_t>(kPoints));
+  EXPECT_THAT(partial["warnings"].dump(), HasSubstr(fmt::format("interrupted after {} of {} points", rows, kPoints)));
+  EXPECT_EQ(partial["claims"][0]["outcome"], "undecided");
+  for (const nlohmann::json& row : partial["rows"]) {
+    EXPECT_TRUE(fs::exists(at("out") / row["mesh"].get<std::string>()));
+  }
+  EXPECT_THAT(process.err(), HasSubstr("warning: interrupted"));
+}
+
+struct BadInput {
+  const char* name;
+  int code;
+  const char* pattern;                            ///< of stderr
+  std::vector<std::string> arguments = {};        ///< behind run STUDY --out OUT, or all if the first is no option
+  std::string study = kStudy;                     ///< study.toml
+  std::map<std::string, std::string> files = {};  ///< beside it
+};
+
+std::ostream& operator<<(std::ostream& stream, const BadInput& input) { return stream << input.name; }
+
+class BadInputs : public Cli, public ::testing::WithParamInterface<BadInput> {};
+
+TEST_P(BadInputs, EndWithTheRightCodeAndAMessageThatNamesTheFault) {
+  const BadInput& input = GetParam();
+  write("study.toml", input.study);
+  for (const auto& [name, content] : input.files) write(name, content);
+  // An old record must not pass for one of the failed run once the config itself is accepted.
+  std::vector<std::string> arguments = input.arguments;
+  if (arguments.empty() || arguments.front().front() == '-') {
+    const std::vector<std::string> run = {"run", "{}/study.toml", "--out", "{}/out", "--quiet"};
+    arguments.insert(arguments.begin(), run.begin(), run.end());
+  }
+  const Result result = call(arguments);
+  EXPECT_EQ(result.code, input.code) << result.err;
+  EXPECT_TRUE(std::regex_search(result.err, std::regex(input.pattern))) << result.err;
+  EXPECT_FALSE(fs::exists(at("out/record.json")));
+}
+
+std::string replaced(const std::string& what, const std::string& by) {
+  std::string study = kStudy;
+  const std::size_t place = study.find(what);
+  if (place == std::string::npos) throw std::logic_error("nothing to replace: " + what);
+  return study.replace(place, what.size(), by);
+}
+
+/// The study on a mesh file of the same folder, and that file.
+BadInput on_mesh(const char* name, int code, const char* pattern, const std::string& file, const std::string& content) {
+  return {
+      name,
+      code,
+      pattern,
+      {"--set", "domain={ mesh = \"" + file + "\" }", "--set", "constraint=[{ kind = \"hard\", vertices = [0, 1] }]"},
+      kStudy,
+      {{file, content}}};
+}
+
+BadInput with(const char* name, int code, const char* pattern, const std::string& assignment) {
+  return {name, code, pattern, {"--set", assignment}};
+}
+
+const char* const kTetrahedra =
+    "MeshVersionFormatted 2\nDimension 3\nVertices\n4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\nTetrahedra\n1\n1 2 3 4 0\n"
+    "End\n";
+const std::string kTriangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+
+const std::vector<BadInput> kBadInputs = {
+    // Keys and values of configs.
+    {"UnknownTopLevelKey",
+     2,
+     "study.toml:1: key 'titel': unknown key; accepted here: title",
+     {},
+     "titel = 1\n" + kStudy},
+    {"UnknownSection",
+     2,
+     R"(study.toml:\d+: key 'regularizer': unknown key)",
+     {},
+     kStudy + "[regularizer]\nbeta = 1\n"},
+    {"UnknownKeyOfNorm", 2, "study.toml:8: key 'norm.betta': unknown key.*beta", {}, replaced("beta", "betta")},
+    {"UnknownKeyOfGenerator", 2, "study.toml:4: key 'domain.hh': unknown key", {}, replaced("h =", "hh =")},
+    {"UnknownKeyOfConstraint", 2, "key 'constraint.0..verts': unknown key", {}, replaced("vertices", "verts")},
+    with("UnknownKeyOfEnergy", 2, "key 'energy.order': unknown key", "energy.order=3"),
+    with("UnknownKeyOfSolver", 2, "key 'solver.max_iteration': unknown key", "solver.max_iteration=3"),
+    with("UnknownLinearOption", 2, "key 'solver.linear_options.tol': unknown key", "solver.linear_options.tol=3"),
+    with("UnknownKeyOfOutput", 2, "key 'output.column': unknown key", "output.column=[\"energy\"]"),
+    with("WrongType", 2, "key 'norm.beta': .*expected number, got string", "norm.beta=abc"),
+    with("TableExpected", 2, "key 'domain': expected a table, got 3", "domain=3"),
+    with("ArrayExpected", 2, "key 'constraint': expected an array", "constraint={ kind = \"hard\" }"),
+    with("BetaOne", 2, R"(key 'norm.beta': 'beta' = 1: expected a value in \[0, 1\))", "norm.beta=1"),
+    with("BetaNegative", 2, R"('beta' = -0.1: expected a value in \[0, 1\))", "norm.beta=-0.1"),
+    with("BetaNotANumber", 2, "'beta' = nan: expected a value", "norm.beta=nan"),
+    with("EdgeLengthZero", 2, "'h' = 0: expected a positive number", "domain.h=0"),
+    with("TooManyCells", 2, "'h' = 1e-09: this makes .* cells; expected at most", "domain.h=1e-9"),
+    with("UnknownEnergy", 2, "key 'energy.type': unknown energy 'asapp'; known: .*asap", "energy.type=asapp"),
+    with("UnknownBackend", 2, "key 'solver.linear': .*\"cholesky\": expected one of auto", "solver.linear=cholesky"),
+    with("UnknownNonlinear", 2, "key 'solver.nonlinear': .*expected one of local_global", "solver.nonlinear=lbfgs"),
+    with("UnknownGenerator", 2, "key 'domain.generator': unknown generator 'circle'; known: square",
+         "domain.generator=circle"),
+    with("UnknownPipeline", 2, "key 'pipeline': unknown pipeline 'deform.plane'; known: deform.planar",
+         "pipeline=deform.plane"),
+    with("UnknownFacetWeight", 2, "key 'norm.facet_weight': .*expected one of facet_measure", "norm.facet_weight=area"),
+    {"NoPipeline", 2, "study.toml:1: 'pipeline' is missing", {}, "title = \"x\"\n"},
+    {"NoEnergy", 2, "'energy' is missing", {}, replaced("[energy]\ntype = \"asap\"\n", "")},
+    {"NoEnergyType", 2, "study.toml:5: key 'energy': 'type' is missing", {}, replaced("type = \"asap\"\n", "")},
+    {"NoDomain", 2, "'domain' is missing", {}, replaced("[domain]\ngenerator = \"square\"\nh = 0.25\n", "")},
+    {"EmptyConfig", 2, "'pipeline' is missing", {}, ""},
+    {"TomlSyntax", 2, "study.toml:4: .*", {}, replaced("h = 0.25", "h = 0.2.5")},
+    {"TomlOpenString", 2, "study.toml:1: .*", {}, "pipeline = \"deform.planar\n"},
+    {"TomlKeyTwice", 2, "study.toml:9: .*beta", {}, replaced("beta = 0.2", "beta = 0.2\nbeta = 0.3")},
+    {"EmptySweep",
+     2,
+     "key 'sweep.norm.beta': expected at least one value",
+     {},
+     kStudy + "[sweep]\n\"norm.beta\" = []\n"},
+    {"SweepOfNothing", 2, "'nrom.beta' is in no section", {}, kStudy + "[sweep]\n\"nrom.beta\" = [0]\n"},
+    {"SweptValueOutOfRange",
+     2,
+     R"(study.toml:16: key 'norm.beta': 'beta' = 1: expected)",
+     {},
+     kStudy + "[sweep]\n\"norm.beta\" = [0, 1]\n"},
+    {"BadClaim",
+     2,
+     "key 'claim.0..is': 'is' = \"about 1\": expected a comparison",
+     {},
+     kStudy + "[[claim]]\ntext = \"t\"\nmetric = \"energy\"\nis = \"about 1\"\n"},
+    {"BadCondition",
+     2,
+     "key 'claim.0..where': condition 'beta': 'beta' is no comparison",
+     {},
+     kStudy + "[[claim]]\ntext = \"t\"\nmetric = \"energy\"\nis = \"> 1\"\nwhere = \"beta\"\n"},
+    with("MeshAndGenerator", 2, "key 'domain': expected either 'generator' or 'mesh'", "domain.mesh=a.obj"),
+    with("BadRepair", 2, "key 'domain.repair.0.': expected orientation", "domain.repair=[\"holes\"]"),
+    {"LeastSquaresForEqualities",
+     2,
+     "least-squares|not in this build|not compiled|is not available",
+     {"--set", "solver.linear=spqr", "--set",
+      "constraint=[{ kind = \"hard\", vertices = [0, 1] }, "
+      "{ kind = \"linear\", vertices = [7, 8], weights = [1, -1], value = [0.2, 0] }]"}},
+    {"DefiniteBackendForEqualities",
+     2,
+     "'eigen.llt': does not solve symmetric indefinite",
+     {"--set", "solver.linear=eigen.llt", "--set",
+      "constraint=[{ kind = \"hard\", vertices = [0, 1] }, "
+      "{ kind = \"linear\", vertices = [7, 8], weights = [1, -1], value = [0.2, 0] }]"}},
+    // Command lines.
+    with("SetWithoutEquals", 2, "--set norm.beta: expected key=value", "norm.beta"),
+    with("SetOfNoPath", 2, "key 'norm..beta': expected names separated by dots", "norm..beta=1"),
+    with("SetBeyondAnArray", 2, "'constraint' has no element 7", "constraint[7].kind=soft"),
+    {"NoSuchConfig", 2, "absent.toml: cannot be read", {"run", "{}/absent.toml", "--out", "{}/out"}},
+    {"ConfigIsAFolder", 2, "is a folder, expected a TOML config", {"run", "{}", "--out", "{}/out"}},
+    {"UnknownSubcommand", 2, "deform", {"deform", "{}/study.toml"}},
+    {"NoOut", 2, "--out is required", {"run", "{}/study.toml"}},
+    {"EmptyOut", 2, "--out: expected a folder", {"run", "{}/study.toml", "--out", ""}},
+    {"UnknownOption", 2, "--fast", {"run", "{}/study.toml", "--out", "{}/out", "--fast"}},
+    {"ListOfNothing", 2, "what", {"list", "meshes"}},
+    {"GridWithoutEquals",
+     2,
+     "--grid norm.beta: expected key=",
+     {"sweep", "{}/study.toml", "--out", "{}/out", "--grid", "norm.beta"}},
+    {"GridWithoutArray",
+     2,
+     "key 'sweep.norm.beta': expected an array",
+     {"sweep", "{}/study.toml", "--out", "{}/out", "--grid", "norm.beta=0.3"}},
+    {"OutBelowAFile",
+     3,
+     "study.toml/out/meshes: cannot be created",
+     {"run", "{}/study.toml", "--out", "{}/study.toml/out"}},
+    {"InfoOfNothing", 3, "absent.obj", {"info", "{}/absent.obj"}},
+    {"InfoOfABrokenMesh",
+     3,
+     "bad.obj:4",
+     {"info", "{}/bad.obj"},
+     kStudy,
+     {{"bad.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"}}},
+    // Mesh files.
+    with("MeshMissing", 3, "'absent.obj' is not there; looked at .*absent.obj", "domain={ mesh = \"absent.obj\" }"),
+    on_mesh("MeshTruncated", 3, "mesh.off:4: ", "mesh.off", "OFF\n3 1 0\n0 0 0\n1 0"),
+    on_mesh("MeshHasNaN", 3, "mesh.obj:2: .*nan", "mesh.obj", "v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n"),
+    on_mesh("MeshIndexOutOfRange", 3, "mesh.obj:4: .*9", "mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
+    on_mesh("MeshDegenerate", 3, "mesh.obj: .*(cell|triangle) 1 .*", "mesh.obj",
+            kTriangle + "v 1 0 0\nv 2 0 0\nv 3 0 0\nf 4 5 6\n"),
+    on_mesh("MeshDuplicate", 3, "mesh.obj: .*0.*1", "mesh.obj", kTriangle + "f 2 3 1\n"),
+    on_mesh("MeshNonManifold", 3, "mesh.obj: .*(edge|facet).*(three|3|more than two)", "mesh.obj",
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 2 2 0\nf 1 2 3\nf 3 2 4\nf 3 2 5\n"),
+    on_mesh("MeshOfTetrahedra", 3, "mesh.mesh: .*needs a planar triangle mesh, this one is tetrahedral", "mesh.mesh",
+            kTetrahedra),
+    on_mesh("MeshIsCurved", 3, "mesh.obj: .*needs a planar triangle mesh, this one is surface", "mesh.obj",
+            kTriangle + "v 1 1 1\nf 3 2 4\n"),
+    on_mesh("MeshOfQuads", 3, "mesh.obj:5: .*triangul", "mesh.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"),
+    on_mesh("MeshEmpty", 3, "mesh.obj", "mesh.obj", ""),
+    on_mesh("MeshOfPointsOnly", 3, "mesh.obj", "mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+    on_mesh("MeshOfAnotherKind", 2, "mesh.xyz: unknown extension '.xyz'; known: .obj", "mesh.xyz", "0 0 0\n"),
+    on_mesh("MeshIsAFolder", 3, "mesh.obj.*(folder|directory|read)", "mesh.obj/inside.txt", ""),
+    on_mesh("MeshIsBinaryNoise", 3, "mesh.ply", "mesh.ply", std::string("\0\xff\x7f\x00noise", 9)),
+    // Constraints.
+    with("VertexOutOfRange", 3, R"(key 'constraint\[0\].vertices\[1\]': vertex 25 does not exist; .*0 to 24)",
+         "constraint[0].vertices=[0, 25]"),
+    {"VertexOutOfRangeWithLine",
+     3,
+     R"(study.toml:11: key 'constraint\[0\].vertices\[1\]': vertex 25)",
+     {},
+     replaced("[0, 5]", "[0, 25]")},
+    with("VertexNegative", 3, "vertex -1 does not exist", "constraint[0].vertices=[-1]"),
+    with("Contradiction", 3, "key 'constraint.1.': .*vertex 0 is fixed at both", "constraint[1].vertices=[0, 24]"),
+    with("TooFewForTheKernel", 3, "too few constraints: component 0 of 1 .*1 constrained vertices.*2 of the 4",
+         "constraint=[{ kind = \"hard\", vertices = [3] }]"),
+    with("NoConstraints", 3, "too few constraints: component 0", "constraint=[]"),
+    on_mesh("FreeComponent", 3, "too few constraints: component 1 of 2", "mesh.obj",
+            kTriangle + "v 5 0 0\nv 6 0 0\nv 5 1 0\nf 4 5 6\n"),
+    with("EmptySelection", 3, "select.box': no vertex is selected",
+         "constraint=[{ kind = \"hard\", select = { box = [5, 5, 6, 6] } }]"),
+    with("EmptyVertices", 2, "key 'constraint.0..vertices': expected at least one", "constraint[0].vertices=[]"),
+    {"WrongNumberOfPositions",
+     2,
+     "key 'constraint.1..positions': 2 positions for 1 vertices",
+     {"--set", "constraint[1].positions=[[1, 1], [2, 2]]"}},
+    with("PositionOfThreeCoordinates", 2, "key 'constraint.1..positions.0.': expected 2 coordinates, got 3",
+         "constraint[1].positions=[[1, 1, 1]]"),
+    with("PositionNotANumber", 2, "positions.0.': expected finite numbers", "constraint[1].positions=[[1, nan]]"),
+    with("PositionsAndMove", 2, "expected either 'positions' or 'move'", "constraint[0].positions=[[0, 0], [1, 1]]"),
+    with("VerticesAndSelect", 2, "expected either 'vertices' or 'select'", "constraint[0].select={ boundary = true }"),
+    with("UnknownKindOfConstraint", 2, "expected hard, soft, identify or linear", "constraint[0].kind=fixed"),
+    with("UnknownSelection", 2, "key 'constraint.0..select.bx': unknown key",
+         "constraint=[{ kind = \"hard\", select = { bx = [0, 0, 1, 1] } }]"),
+    with("NegativeSoftWeight", 3, "soft weight -1", "constraint=[{ kind = \"soft\", vertices = [0, 1], weight = -1 }]"),
+    with("EqualityWithoutWeight", 2, "expected a weight that is not 0",
+         "constraint=[{ kind = \"linear\", vertices = [0, 1], weights = [0, 0], value = [0, 0] }]"),
+    // Solvers.
+    {"NoConvergence",
+     4,
+     "linear backend 'eigen.cg': no convergence .*after 1 iteration",
+     {"--set", "solver.linear=eigen.cg", "--set", "solver.linear_options.max_iterations=1"}},
+    {"NoConvergenceNamesThePoint",
+     4,
+     R"(no convergence .*\(at norm.beta = 0.2\))",
+     {"--set", "solver.linear=eigen.cg", "--set", "solver.linear_options.max_iterations=1"},
+     kStudy + "[sweep]\n\"norm.beta\" = [0.2, 0.3]\n"},
+};
+
+INSTANTIATE_TEST_SUITE_P(Cli, BadInputs, ::testing::ValuesIn(kBadInputs),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+TEST_F(Cli, AFailedRunTakesAnOldRecordAway) {
+  write("study.toml", kStudy);
+  ASSERT_EQ(run_study().code, 0);
+  EXPECT_EQ(run_study({"--set", "norm.beta=2"}).code, 2);
+  EXPECT_TRUE(fs::exists(at("out/record.json"))) << "a config that is refused changes nothing";
+  EXPECT_EQ(run_study({"--set", "constraint=[]"}).code, 3);
+  EXPECT_FALSE(fs::exists(at("out/record.json")));
+}
+
+}  // namespace
+}  // namespace variform
