@@ -197,7 +197,7 @@ PointResult run(const Config& config) {
       steps.y.push_back(step.step);
     }
     result.history = {energies_curve, steps};
-    kept_targets += problem.refresh_target(U);
+    problem.refresh_target(U);
   }
 
   const EnergyValue value = problem.value(U);

@@ -59,8 +59,9 @@ Eigen::MatrixXd kernel_basis(const EnergyTraits& traits, const Domain& domain) {
   const int rotations = d * (d - 1) / 2;
   Eigen::MatrixXd basis = basis_of(d + rotations + (traits.kernel == Kernel::similarities ? 1 : 0));
   const Eigen::RowVectorXd centre = domain.positions().colwise().mean();
+  const double diameter = domain.diameter();
   for (Index v = 0; v < vertices; ++v) {
-    const Eigen::RowVectorXd x = (domain.positions().row(v) - centre) / domain.diameter();
+    const Eigen::RowVectorXd x = (domain.positions().row(v) - centre) / diameter;
     int column = 0;
     for (; column < d; ++column) basis(v * d + column, column) = 1.0;
     for (int i = 0; i < d; ++i) {

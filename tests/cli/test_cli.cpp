@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <Eigen/SVD>
+#include <Eigen/Dense>
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -351,7 +351,9 @@ TEST_F(Cli, ListNamesEveryMetricOfARow) {
   ASSERT_EQ(run_study().code, 0);
   std::vector<std::string> metrics = {"mesh"};
   for (const Metric& metric : pipelines().find("deform.planar").metrics) metrics.push_back(metric.column.key);
-  for (const auto& [key, value] : record()["rows"][0].items()) EXPECT_THAT(metrics, Contains(key));
+  const nlohmann::json row = record()["rows"][0];
+  EXPECT_GT(row.size(), 20u);
+  for (const auto& [key, value] : row.items()) EXPECT_THAT(metrics, Contains(key));
 }
 
 TEST_F(Cli, InfoTellsFactsOfAMesh) {
@@ -595,7 +597,7 @@ const std::vector<BadInput> kBadInputs = {
     {"SweepOfNothing", 2, "'nrom.beta' is in no section", {}, kStudy + "[sweep]\n\"nrom.beta\" = [0]\n"},
     {"SweptValueOutOfRange",
      2,
-     R"(study.toml:16: key 'norm.beta': 'beta' = 1: expected)",
+     R"(study.toml:17: key 'norm.beta': 'beta' = 1: expected)",
      {},
      kStudy + "[sweep]\n\"norm.beta\" = [0, 1]\n"},
     {"BadClaim",
@@ -654,12 +656,12 @@ const std::vector<BadInput> kBadInputs = {
      {{"bad.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"}}},
     // Mesh files.
     with("MeshMissing", 3, "'absent.obj' is not there; looked at .*absent.obj", "domain={ mesh = \"absent.obj\" }"),
-    on_mesh("MeshTruncated", 3, "mesh.off:4: ", "mesh.off", "OFF\n3 1 0\n0 0 0\n1 0"),
+    on_mesh("MeshTruncated", 3, "mesh.off:2: found 3 vertices, expected 0 to 2", "mesh.off", "OFF\n3 1 0\n0 0 0\n1 0"),
     on_mesh("MeshHasNaN", 3, "mesh.obj:2: .*nan", "mesh.obj", "v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n"),
     on_mesh("MeshIndexOutOfRange", 3, "mesh.obj:4: .*9", "mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
     on_mesh("MeshDegenerate", 3, "mesh.obj: .*(cell|triangle) 1 .*", "mesh.obj",
             kTriangle + "v 1 0 0\nv 2 0 0\nv 3 0 0\nf 4 5 6\n"),
-    on_mesh("MeshDuplicate", 3, "mesh.obj: .*0.*1", "mesh.obj", kTriangle + "f 2 3 1\n"),
+    on_mesh("MeshDuplicate", 3, "mesh.obj: cell 1 .*the same vertices as cell 0", "mesh.obj", kTriangle + "f 2 3 1\n"),
     on_mesh("MeshNonManifold", 3, "mesh.obj: .*(edge|facet).*(three|3|more than two)", "mesh.obj",
             "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 2 2 0\nf 1 2 3\nf 3 2 4\nf 3 2 5\n"),
     on_mesh("MeshOfTetrahedra", 3, "mesh.mesh: .*needs a planar triangle mesh, this one is tetrahedral", "mesh.mesh",
@@ -670,7 +672,12 @@ const std::vector<BadInput> kBadInputs = {
     on_mesh("MeshEmpty", 3, "mesh.obj", "mesh.obj", ""),
     on_mesh("MeshOfPointsOnly", 3, "mesh.obj", "mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
     on_mesh("MeshOfAnotherKind", 2, "mesh.xyz: unknown extension '.xyz'; known: .obj", "mesh.xyz", "0 0 0\n"),
-    on_mesh("MeshIsAFolder", 3, "mesh.obj.*(folder|directory|read)", "mesh.obj/inside.txt", ""),
+    {"MeshIsAFolder",
+     3,
+     "mesh.obj.*(folder|directory|read)",
+     {"--set", "domain={ mesh = \"mesh.obj\" }"},
+     kStudy,
+     {{"mesh.obj/inside.txt", ""}}},
     on_mesh("MeshIsBinaryNoise", 3, "mesh.ply", "mesh.ply", std::string("\0\xff\x7f\x00noise", 9)),
     // Constraints.
     with("VertexOutOfRange", 3, R"(key 'constraint\[0\].vertices\[1\]': vertex 25 does not exist; .*0 to 24)",

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -16,8 +17,10 @@ class TemporaryFolder {
  public:
   TemporaryFolder() {
     const auto* const test = ::testing::UnitTest::GetInstance()->current_test_info();
-    path_ = std::filesystem::temp_directory_path() /
-            (std::string("variform-") + test->test_suite_name() + "-" + test->name() + "-" + std::to_string(getpid()));
+    std::string name =
+        std::string("variform-") + test->test_suite_name() + "-" + test->name() + "-" + std::to_string(getpid());
+    std::replace(name.begin(), name.end(), '/', '-');  // parametrized tests have slashes in their names
+    path_ = std::filesystem::temp_directory_path() / name;
     std::filesystem::remove_all(path_);
     std::filesystem::create_directories(path_);
   }
