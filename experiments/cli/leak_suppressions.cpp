@@ -1,5 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Only in sanitized builds: fontconfig, which Cairo looks up fonts by, keeps patterns for the whole process by pointers
+// Only in sanitized builds: fontconfig, by which Cairo looks up fonts, keeps patterns for the whole process by pointers
 // that LeakSanitizer cannot follow.
-extern "C" const char* __lsan_default_suppressions();  // NOLINT(bugprone-reserved-identifier): the sanitizer's name
-extern "C" const char* __lsan_default_suppressions() { return "leak:libfontconfig"; }
+extern "C" {
+const char* __lsan_default_suppressions();  // NOLINT(bugprone-reserved-identifier): the sanitizer's name
+const char* __lsan_default_options();       // NOLINT(bugprone-reserved-identifier): the sanitizer's name
+
+const char* __lsan_default_suppressions() { return "leak:libfontconfig"; }
+// Scripts read standard error.
+const char* __lsan_default_options() { return "print_suppressions=0"; }
+}

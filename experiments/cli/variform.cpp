@@ -114,11 +114,15 @@ std::vector<std::string> shown_columns(const Record& record, const Config& confi
 Config configured(const RunArguments& arguments) {
   Config config = Config::load(arguments.config);
   for (const std::string& assignment : arguments.set) {
-    config.set(assignment);
-    // A value given by hand stands: its key is no longer swept.
-    const std::string key = assignment.substr(0, assignment.find('='));
-    if (key.rfind("sweep", 0) == 0) continue;
-    if (key.find('"') != std::string::npos || !config.erase("sweep.\"" + key + "\"")) config.erase("sweep." + key);
+    const std::string key = config.set(assignment);
+    // A value given by hand stands: neither it nor anything inside it is swept any more.
+    if (key.rfind("sweep", 0) == 0 || !config.root().has("sweep")) continue;
+    std::vector<std::string> swept;
+    for (const ConfigNode& child : config.root().at("sweep").children()) swept.push_back(child.path().substr(6));
+    for (const std::string& name : swept) {
+      if (name == key || name.rfind(key + ".", 0) == 0) config.erase("sweep.\"" + name + "\"");
+    }
+    if (key.find('"') == std::string::npos) config.erase("sweep." + key);
   }
   for (const std::string& assignment : arguments.grid) {
     const std::size_t equals = assignment.find('=');
@@ -358,7 +362,8 @@ ExitCode doctor() {
     fmt::print("  advice: {}\n", advice);
     well = false;
   }
-  if (blas.threads != 1) fmt::print("  note: set OPENBLAS_NUM_THREADS=1 for numbers that repeat to the last digit\n");
+  if (blas.threads != 1)
+    fmt::print("  note: numbers repeat to the last digit only without OPENBLAS_NUM_THREADS, or with 1\n");
   for (const LinearBackendEntry& entry : linear_backends().entries()) {
     if (!entry.available) {
       fmt::print("{}: not in this build; install {} and configure again\n", entry.name, entry.package);
@@ -445,6 +450,8 @@ int main_checked(int argc, char** argv) {
   }
   std::signal(SIGINT, on_interrupt);
   std::signal(SIGTERM, on_interrupt);
+  // Several BLAS threads would make the last digits depend on the load of the machine.
+  if (std::getenv("OPENBLAS_NUM_THREADS") == nullptr) set_blas_threads(1);
   ExitCode code = ExitCode::done;
   if (version) {
     fmt::print("variform {}\nlicence of this binary: {}\nBLAS: {}\n", VARIFORM_VERSION, effective_licence(),

@@ -6,6 +6,7 @@
 #include "energies/energies.h"
 #include "framework/base/error.h"
 #include "framework/base/stopwatch.h"
+#include "framework/domain/quality.h"
 #include "framework/experiment/constraint_source.h"
 #include "framework/experiment/domain_source.h"
 #include "framework/experiment/pipeline.h"
@@ -110,6 +111,12 @@ void check(const Config& config) {
   read_lattice(config);
 }
 
+std::vector<std::filesystem::path> inputs(const Config& config) {
+  const ConfigNode domain = config.root().at("domain");
+  if (!domain.has("mesh")) return {};
+  return {find_input(domain.at("mesh").string(), config.folder())};
+}
+
 // Images of a lattice of points of the bounding box under the map, NaN outside the domain.
 Matrix probe(const Domain& domain, const Matrix& U, Index lattice) {
   Matrix images = Matrix::Constant(lattice * lattice, 2, std::nan(""));
@@ -158,7 +165,7 @@ PointResult run(const Config& config) {
   const auto energy = read_energy(root.at("energy"));
   const NormOptions norm = read_norm(config);
   Solver solver = read_solver(config);
-  LoadedConstraints constraints = load_constraints(constraint_tables(config), domain);
+  LoadedConstraints constraints = load_constraints(constraint_tables(config), loaded);
   const Index lattice = read_lattice(config);
 
   PointResult result;
@@ -211,8 +218,11 @@ PointResult run(const Config& config) {
   row.set("cells", integer(domain.cell_count()));
   row.set("beta", norm.beta);
   row.set("facet_weight", to_string(norm.facet_weight));
+  const MeshQuality quality = mesh_quality(domain);
+  row.set("measure_ratio", quality.measure_ratio);
+  row.set("radius_ratio", quality.max_radius_ratio);
   row.set("energy", value.plain);
-  row.set("energy_R", value.variation);
+  row.set("energy_R", residual_variation(domain, norm.facet_weight, R));
   row.set("energy_W", value.total);
   row.set("energy_mean", value.plain / domain.total_measure());
   row.set("local_energy_max", local.maxCoeff());
@@ -247,13 +257,13 @@ PointResult run(const Config& config) {
   row.set("seconds_solve", times.solve);
   row.set("seconds_total", total.seconds());
 
-  result.mesh = {U, domain.cells()};
+  result.mesh = loaded.as_input(U);
   result.fields = {{"local_energy", MeshField::On::cells, local}};
   Matrix displacement = Matrix::Zero(U.rows(), 3);
   displacement.leftCols(2) = U - domain.positions();
-  result.fields.push_back({"displacement", MeshField::On::vertices, displacement});
+  result.fields.push_back({"displacement", MeshField::On::vertices, loaded.values_as_input(displacement)});
   MeshFigure figure;
-  figure.mesh = result.mesh;
+  figure.mesh = {U, domain.cells()};
   figure.cell_values = local;
   figure.fixed_vertices = constraints.fixed;
   figure.moved_vertices = constraints.moved;
@@ -278,6 +288,8 @@ PipelineEntry describe_deform_planar() {
                   {{"cells"}, "triangles"},
                   {{"beta"}, "regularization weight of the row"},
                   {{"facet_weight", "facet weight"}, "weight of residual jumps of the row"},
+                  {{"measure_ratio", "area max/min"}, "largest by smallest cell area at rest"},
+                  {{"radius_ratio", "radius ratio"}, "largest circumradius by inradius of a cell at rest"},
                   {{"energy", "E_P"}, "unregularized energy, sum of A_t |r_t|^2"},
                   {{"energy_R", "E_R"}, "variation of the residual, sum of b_f |r_l - r_r|^2"},
                   {{"energy_W", "E_W"}, "regularized energy ||r||^2_W"},
@@ -312,6 +324,7 @@ PipelineEntry describe_deform_planar() {
                   {{"map_difference"},
                    "with [compare]: largest distance of probe images from the reference, by the diameter"}},
       .run = run,
+      .inputs = inputs,
       .check = check};
 }
 

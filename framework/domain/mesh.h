@@ -15,8 +15,12 @@ struct Mesh {
   Index cell_count() const { return static_cast<Index>(cells.rows()); }
 };
 
-/// A triangle mesh whose vertices share one of their three coordinates, without it: (x, y), (x, z) or (y, z), positions
-/// vertices x 2. "Share" is up to 1e-12 of the extent. Any other mesh as it is.
+/// The axis (0, 1, 2) along which a triangle mesh in space is constant, up to 1e-12 of its extent; -1 if there is none,
+/// or positions have two columns already.
+int flat_axis(const Mesh& mesh);
+
+/// A mesh with a flat axis without that coordinate: (x, y), (x, z) or (y, z), positions vertices x 2. Any other mesh as
+/// it is.
 Mesh flattened(const Mesh& mesh);
 
 }  // namespace variform

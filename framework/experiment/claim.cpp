@@ -57,14 +57,20 @@ bool compare(double a, const std::string& relation, double b) {
 
 bool is_monotone(const std::string& is) { return std::find(kMonotone.begin(), kMonotone.end(), is) != kMonotone.end(); }
 
-// "<= 0.5" -> ("<=", 0.5).
-std::pair<std::string, double> parsed_relation(const std::string& is) {
+// "<= 0.5" -> (("<=", 0.5)); "in [1, 2]" -> ((">=", 1), ("<=", 2)): all must hold.
+std::vector<std::pair<std::string, double>> parsed_relations(const std::string& is) {
   for (const std::string relation : kRelations) {
     if (is.rfind(relation, 0) != 0) continue;
-    if (const auto number = parsed_number(trimmed(is.substr(relation.size())))) return {relation, *number};
+    if (const auto number = parsed_number(trimmed(is.substr(relation.size())))) return {{relation, *number}};
   }
-  throw UsageError(fmt::format("'is' = \"{}\": expected a comparison with a number ({}), or one of {}", is,
-                               fmt::join(kRelations, " "), fmt::join(kMonotone, ", ")));
+  if (const std::size_t comma = is.find(',');
+      is.rfind("in [", 0) == 0 && is.back() == ']' && comma != std::string::npos) {
+    const auto low = parsed_number(trimmed(is.substr(4, comma - 4)));
+    const auto high = parsed_number(trimmed(is.substr(comma + 1, is.size() - comma - 2)));
+    if (low && high && *low <= *high) return {{">=", *low}, {"<=", *high}};
+  }
+  throw UsageError(fmt::format("'is' = \"{}\": expected a comparison with a number ({}), in [LOW, HIGH], or one of {}",
+                               is, fmt::join(kRelations, " "), fmt::join(kMonotone, ", ")));
 }
 
 // The swept keys of a row but those named, as one text: rows with the same text belong together.
@@ -76,6 +82,11 @@ std::string group_of(const Row& row, const std::vector<std::string>& swept, cons
     group += key + "=" + (value == nullptr ? "" : to_text(*value)) + ";";
   }
   return group;
+}
+
+bool is_unconverged(const Row& row) {
+  const Value* converged = row.find("converged");
+  return converged != nullptr && std::holds_alternative<bool>(*converged) && !std::get<bool>(*converged);
 }
 
 std::string range_text(const std::vector<double>& values) {
@@ -180,7 +191,7 @@ Claim read_claim(const ConfigNode& node) {
       node.fail(fmt::format("'is' = \"{}\" needs 'along', the key that orders the rows", claim.is));
     if (claim.any) node.at("quantifier").fail(fmt::format("'is' = \"{}\" is about all rows", claim.is));
   } else {
-    node.at("is").located([&] { return parsed_relation(claim.is); });
+    node.at("is").located([&] { return parsed_relations(claim.is); });
     if (node.has("along")) node.at("along").fail(fmt::format("only for {}", fmt::join(kMonotone, ", ")));
   }
   if (node.has("relative_to") && node.has("minus")) node.fail("expected either 'relative_to' or 'minus'");
@@ -201,12 +212,14 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
   try {
     const std::string& reference_text = claim.relative_to.empty() ? claim.minus : claim.relative_to;
     std::map<std::string, double> references;
+    int unconverged = 0;  // rows that count, as themselves or as references
     const Condition reference(reference_text);
     const std::vector<std::string> reference_keys = reference.keys();
     if (!reference_text.empty()) {
       for (const Row& row : rows) {
         const Value* value = row.find(claim.metric);
         if (!reference.holds(row) || value == nullptr) continue;
+        unconverged += is_unconverged(row);
         const std::string group = group_of(row, swept, reference_keys);
         if (!references.emplace(group, to_number(*value)).second) {
           verdict.reason = fmt::format("more than one row fulfils '{}' [{}]", reference_text, group);
@@ -222,6 +235,7 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
     std::vector<Point> points;
     for (const Row& row : rows) {
       if (!claim.where.holds(row)) continue;
+      unconverged += is_unconverged(row);
       const Value* value = row.find(claim.metric);
       double number = value == nullptr ? std::nan("") : to_number(*value);
       if (!reference_text.empty()) {
@@ -255,6 +269,7 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
     std::vector<double> values;
     for (const Point& point : points) values.push_back(point.value);
     verdict.ours = range_text(values);
+    if (unconverged > 0) verdict.ours += fmt::format("; {} not converged", unconverged);
     bool holds = !claim.any;
     if (is_monotone(claim.is)) {
       holds = true;
@@ -289,14 +304,15 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
         }
       }
     } else {
-      const auto [relation, bound] = parsed_relation(claim.is);
+      const auto relations = parsed_relations(claim.is);
       for (const double value : values) {
-        const bool met = compare(value, relation, bound);
-        if (met && claim.any) holds = true;
-        if (!met && !claim.any) {
-          holds = false;
-          verdict.reason = fmt::format("{:.6g} {} {:.6g} does not hold", value, relation, bound);
+        bool met = true;
+        for (const auto& [relation, bound] : relations) {
+          if (compare(value, relation, bound)) continue;
+          met = false;
+          if (!claim.any) verdict.reason = fmt::format("{:.6g} {} {:.6g} does not hold", value, relation, bound);
         }
+        holds = claim.any ? holds || met : holds && met;
       }
       if (claim.any && !holds) verdict.reason = "holds for no row";
     }

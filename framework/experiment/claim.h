@@ -65,9 +65,10 @@ struct Claim {
 /// Reads a [[claim]] table; throws UsageError with its place when it makes no sense.
 Claim read_claim(const ConfigNode& node);
 
-/// Decides a claim. swept: the swept keys, by which rows are matched to each other. A claim that the rows cannot decide
-/// (nothing matches, a metric is missing or not a number, no or several rows to refer to, fewer than two rows in a
-/// group along a key) is undecided with the reason, never held.
+/// Decides a claim; says how many of the rows that count have converged = false. swept: the swept keys, by which rows
+/// are matched to each other. A claim that the rows cannot decide (nothing matches, a metric is missing or not a
+/// number, no or several rows to refer to, fewer than two rows in a group along a key) is undecided with the reason,
+/// never held.
 Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vector<std::string>& swept);
 
 }  // namespace variform

@@ -376,7 +376,7 @@ void Config::set(const std::string& path, const ConfigValue& value) {
   *at = value;
 }
 
-void Config::set(const std::string& assignment) {
+std::string Config::set(const std::string& assignment) {
   const std::size_t equals = assignment.find('=');
   if (equals == std::string::npos || equals == 0) {
     throw UsageError(fmt::format("--set {}: expected key=value", assignment));
@@ -404,6 +404,7 @@ void Config::set(const std::string& assignment) {
   };
   unplaced(value, unplaced);
   set(path, value);
+  return path;
 }
 
 bool Config::erase(const std::string& path) {

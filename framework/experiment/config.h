@@ -109,7 +109,8 @@ class Config {
   /// "constraint[0].weight"). Throws UsageError when a part of the path is no table.
   void set(const std::string& path, const ConfigValue& value);
   /// "path=value" as the command line gives it; a value that is no TOML value is taken as a string.
-  void set(const std::string& assignment);
+  /// Returns the path.
+  std::string set(const std::string& assignment);
   /// Removes the value at a dotted path (tables only); false when it is not there.
   bool erase(const std::string& path);
 

@@ -2,6 +2,7 @@
 #include "framework/experiment/constraint_source.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -165,7 +166,8 @@ void check_constraints(const std::vector<ConfigNode>& nodes) {
   }
 }
 
-LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const Domain& domain) {
+LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const LoadedDomain& source) {
+  const Domain& domain = source.domain;
   check_constraints(nodes);
   LoadedConstraints loaded{Constraints(domain.vertex_count(), domain.ambient_dimension()), {}, {}, {}};
   for (const ConfigNode& node : nodes) {
@@ -174,12 +176,9 @@ LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const D
     std::vector<Index> vertices;
     if (node.has("vertices")) {
       for (const ConfigNode& entry : node.at("vertices").elements()) {
-        const std::int64_t v = entry.integer();
-        if (v < 0 || v >= domain.vertex_count()) {
-          data_error(entry, fmt::format("vertex {} does not exist; the mesh has vertices 0 to {}", v,
-                                        domain.vertex_count() - 1));
-        }
-        vertices.push_back(static_cast<Index>(v));
+        const Index v = entry.located([&] { return source.domain_vertex(entry.integer()); });
+        if (v < 0) data_error(entry, fmt::format("vertex {} belongs to no cell", entry.integer()));
+        vertices.push_back(v);
       }
     } else {
       vertices = selected(node.at("select"), domain, frame);

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "framework/experiment/config.h"
+#include "framework/experiment/domain_source.h"
 #include "framework/form/constraints.h"
 
 namespace variform {
@@ -26,7 +27,7 @@ namespace variform {
 /// corner of the bounding box plus (a width, b height), and lengths and translations are in units of its longest side.
 struct LoadedConstraints {
   Constraints constraints;
-  std::vector<Index> fixed;  ///< hard, at rest
+  std::vector<Index> fixed;  ///< hard, at rest; these lists number vertices as the domain does
   std::vector<Index> moved;  ///< hard, elsewhere
   std::vector<Index> soft;
 };
@@ -36,6 +37,6 @@ void check_constraints(const std::vector<ConfigNode>& nodes);
 
 /// nodes: the array of constraint tables. Throws UsageError with the place for tables that make no sense, DataError
 /// with the place for constraints that do not fit the mesh.
-LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const Domain& domain);
+LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const LoadedDomain& source);
 
 }  // namespace variform

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "framework/base/error.h"
 #include "framework/domain/check.h"
@@ -135,8 +136,26 @@ Parameters read_degrade(const ConfigNode& node) {
                           {.name = "seed", .value = std::int64_t{1}, .doc = "", .min = 0.0}});
 }
 
-Mesh read_and_repaired(const ConfigNode& node, const std::filesystem::path& folder,
-                       std::vector<std::string>& warnings) {
+// The input as it is and as repaired: a planar mesh flattened, everything unscaled.
+struct Source {
+  Mesh input;
+  MeshRepair repaired;
+};
+
+std::vector<Index> identity(Index count) {
+  std::vector<Index> numbers(count);
+  std::iota(numbers.begin(), numbers.end(), 0);
+  return numbers;
+}
+
+Source generated_source(const ConfigNode& node) {
+  Mesh mesh = generated(node);
+  MeshRepair untouched{mesh, identity(mesh.vertex_count()), identity(mesh.cell_count()), {}};
+  return {std::move(mesh), std::move(untouched)};
+}
+
+Source read_and_repaired(const ConfigNode& node, const std::filesystem::path& folder,
+                         std::vector<std::string>& warnings) {
   const std::filesystem::path file = find_input(node.at("mesh").string(), folder);
   MeshFile read = read_mesh(file, {.triangulate_polygons = node.boolean_or("triangulate", false)});
   for (const std::string& warning : read.warnings) warnings.push_back(file.filename().string() + ": " + warning);
@@ -144,7 +163,7 @@ Mesh read_and_repaired(const ConfigNode& node, const std::filesystem::path& fold
   try {
     MeshRepair repaired = repair_mesh(flattened(read.mesh), repairs);
     for (const std::string& warning : repaired.warnings) warnings.push_back(file.filename().string() + ": " + warning);
-    return repaired.mesh;
+    return {std::move(read.mesh), std::move(repaired)};
   } catch (const DataError& error) {
     throw DataError(fmt::format("{}: {}", file.string(), error.what()));
   }
@@ -174,8 +193,10 @@ void check_domain(const ConfigNode& node) {
 LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& config_folder) {
   check_domain(node);
   std::vector<std::string> warnings;
-  Mesh mesh = node.has("generator") ? generated(node) : read_and_repaired(node, config_folder, warnings);
-  mesh.positions *= read_scale(node);
+  Source source = node.has("generator") ? generated_source(node) : read_and_repaired(node, config_folder, warnings);
+  const double scale = read_scale(node);
+  source.input.positions *= scale;
+  source.repaired.mesh.positions *= scale;
   const std::string where = node.has("mesh") ? node.at("mesh").string() + ": " : "";
   const auto checked = [&](const Mesh& m) {
     try {
@@ -184,18 +205,56 @@ LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& co
       throw DataError(where + error.what());
     }
   };
-  Domain domain = checked(mesh);
+  Domain domain = checked(source.repaired.mesh);
   if (node.has("degrade")) {
     const ConfigNode degrade = node.at("degrade");
     const Parameters p = read_degrade(degrade);
     if (domain.kind() != DomainKind::planar) degrade.fail("only planar meshes can be degraded");
-    domain = checked(
-        degrade_mesh({domain.positions(), domain.cells()}, {.jitter = p.number("jitter"),
-                                                            .flip_fraction = p.number("flip_fraction"),
-                                                            .refinements = static_cast<int>(p.integer("refinements")),
-                                                            .seed = static_cast<std::uint64_t>(p.integer("seed"))}));
+    const DegradeOptions options{.jitter = p.number("jitter"),
+                                 .flip_fraction = p.number("flip_fraction"),
+                                 .refinements = static_cast<int>(p.integer("refinements")),
+                                 .seed = static_cast<std::uint64_t>(p.integer("seed"))};
+    // A degraded mesh is an input of its own: it has more vertices.
+    source.input = degrade.located([&] { return degrade_mesh({domain.positions(), domain.cells()}, options); });
+    source.repaired.vertex_origin = identity(source.input.vertex_count());
+    domain = checked(source.input);
   }
-  return {std::move(domain), std::move(warnings)};
+  return {std::move(domain), std::move(warnings), std::move(source.input), std::move(source.repaired.vertex_origin)};
+}
+
+Index LoadedDomain::domain_vertex(std::int64_t input_vertex) const {
+  if (input_vertex < 0 || input_vertex >= input.vertex_count()) {
+    throw DataError(
+        fmt::format("vertex {} does not exist; the mesh has vertices 0 to {}", input_vertex, input.vertex_count() - 1));
+  }
+  // Repairs keep the order of vertices.
+  const auto found = std::lower_bound(vertex_origin.begin(), vertex_origin.end(), static_cast<Index>(input_vertex));
+  return found != vertex_origin.end() && *found == input_vertex ? static_cast<Index>(found - vertex_origin.begin())
+                                                                : -1;
+}
+
+Mesh LoadedDomain::as_input(const Matrix& U) const {
+  Mesh mesh{input.positions, domain.cells()};
+  const int flat = domain.kind() == DomainKind::planar ? flat_axis(input) : -1;
+  for (Index v = 0; v < domain.vertex_count(); ++v) {
+    auto to = mesh.positions.row(vertex_origin[v]);
+    if (flat < 0) {
+      to = U.row(v);
+    } else {
+      to[flat == 0 ? 1 : 0] = U(v, 0);
+      to[flat == 2 ? 1 : 2] = U(v, 1);
+    }
+  }
+  for (Index t = 0; t < mesh.cell_count(); ++t) {
+    for (int i = 0; i < domain.cell_size(); ++i) mesh.cells(t, i) = vertex_origin[mesh.cells(t, i)];
+  }
+  return mesh;
+}
+
+Matrix LoadedDomain::values_as_input(const Matrix& values) const {
+  Matrix result = Matrix::Zero(input.vertex_count(), values.cols());
+  for (Index v = 0; v < domain.vertex_count(); ++v) result.row(vertex_origin[v]) = values.row(v);
+  return result;
 }
 
 }  // namespace variform

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
@@ -32,9 +33,23 @@ const Registry<GeneratorEntry>& generators();
 ///   repair = ["orientation", "unreferenced_vertices", "degenerate_cells", "duplicate_cells"]  # default: the first two
 ///   scale = 1.0                  # multiplies all coordinates
 ///   [domain.degrade]             # a badly tessellated variant (planar): jitter, flip_fraction, refinements, seed
+///
+/// Vertex numbers in configs and results are those of the input, whatever repairs dropped.
 struct LoadedDomain {
   Domain domain;
   std::vector<std::string> warnings;  ///< what reading and repairing changed
+  Mesh input;                         ///< the mesh before repairs, scaled; positions as in the file (x 2 or 3)
+  std::vector<Index> vertex_origin;   ///< input vertex of each vertex of the domain
+
+  /// Vertex of the domain for a vertex of the input; -1 when a repair dropped it. Throws DataError when the input has
+  /// no such vertex.
+  Index domain_vertex(std::int64_t input_vertex) const;
+
+  /// A state U of the domain (|V| x p) as a mesh with the vertices of the input in their order, dropped ones at rest,
+  /// and the coordinate that flattening dropped. Cells are those of the domain.
+  Mesh as_input(const Matrix& U) const;
+  /// Values per vertex of the domain as values per vertex of the input, 0 at dropped ones.
+  Matrix values_as_input(const Matrix& values) const;
 };
 
 /// Throws UsageError for a [domain] that makes no sense whatever is in its mesh file.

@@ -50,6 +50,8 @@ struct PipelineEntry {
   std::vector<Metric> metrics = {};
   /// Runs one point. mesh files are looked up through find_input. Throws Error.
   std::function<PointResult(const Config&)> run = {};
+  /// The files that `run` reads for a point: a checkpoint is good only while they are unchanged. Throws as find_input.
+  std::function<std::vector<std::filesystem::path>(const Config&)> inputs = {};
   /// Optional: throws UsageError for whatever is wrong with a point's config and can be known without running it. All
   /// points are checked before the first one runs.
   std::function<void(const Config&)> check = {};

@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
+#include <iterator>
 #include <map>
 #include <sstream>
 #include <thread>
@@ -486,6 +487,26 @@ void add_provenance(const Config& config, double seconds, Record& record) {
   record.provenance.emplace_back("wall time", fmt::format("{:.2f} s", seconds));
 }
 
+// What a finished point depends on: its config, the bisection, the content of its input files, the program.
+std::string checkpoint_key(const Config& config, const Plan& plan, const Config& at, const RunOptions& options) {
+  std::string key = at.text();
+  if (plan.bisection) key += config.root().at("bisect").value().text();
+  for (const auto& [name, fact] : options.provenance) {
+    if (name == "variform") key += fmt::format("\n# version {}", fact);
+  }
+  if (!plan.pipeline->inputs) return key;
+  for (const fs::path& file : plan.pipeline->inputs(at)) {
+    if (!fs::is_regular_file(file)) continue;  // reading the mesh says what is wrong with it
+    if (!fs::is_regular_file(file)) continue;  // reading it will say what is wrong
+    std::ifstream stream(file, std::ios::binary);
+    const std::string content((std::istreambuf_iterator<char>(stream)), std::istreambuf_iterator<char>());
+    std::uint64_t hash = 0xcbf29ce484222325ULL;  // FNV-1a
+    for (const char c : content) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3ULL;
+    key += fmt::format("\n# {}: {} bytes, {:016x}", file.string(), content.size(), hash);
+  }
+  return key;
+}
+
 }  // namespace
 
 fs::path find_input(const std::string& name, const fs::path& config_folder) {
@@ -554,7 +575,7 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
     }
     Row row;
     const Config at = point_config(config, plan, point, row);
-    const std::string key = at.text() + (plan.bisection ? config.root().at("bisect").value().text() : "");
+    const std::string key = checkpoint_key(config, plan, at, options);
     const std::string name = fmt::format("point-{:04}", point);
     const fs::path checkpoint = options.folder / "points" / (name + ".json");
     const std::string mesh = "meshes/" + name + ".obj";
@@ -600,7 +621,16 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
     }
     record.verdicts.push_back(verdict);
   }
+  const auto expect_key = [&](const std::string& key, const char* where) {
+    if (record.rows.empty()) return;
+    if (std::any_of(record.rows.begin(), record.rows.end(), [&](const Row& row) { return row.find(key) != nullptr; }))
+      return;
+    record.warnings.push_back(fmt::format("{}: no row has '{}'", where, key));
+  };
+  for (const std::string& key : plan.columns) expect_key(key, "output.columns");
   for (const auto& [metric, size] : plan.rates) {
+    expect_key(metric, "output.rates");
+    expect_key(size, "output.rates");
     record.tables.push_back(convergence_table(plan, metric, size, record.rows));
   }
   if (options.figures) draw_figures(plan, results, options.folder, record);

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <set>
 
 #include "framework/base/error.h"
 #include "framework/base/parallel.h"
@@ -118,13 +117,25 @@ Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int 
     const Index b = root(pair.second);
     group[std::max(a, b)] = std::min(a, b);
   }
-  std::vector<bool> fixed(constraints.vertex_count(), false);
-  for (const auto& value : constraints.fixed()) fixed[root(value.vertex)] = true;
+  // The constraint that fixes each group, -1: none.
+  std::vector<Index> fixed(constraints.vertex_count(), -1);
+  for (std::size_t i = 0; i < constraints.fixed().size(); ++i) {
+    Index& first = fixed[root(constraints.fixed()[i].vertex)];
+    if (first < 0) {
+      first = static_cast<Index>(i);
+    } else {
+      fixed_pairs_.emplace_back(first, static_cast<Index>(i));
+    }
+  }
+  check_fixed_pairs(constraints);
 
   target_.setConstant(unknown_count_, -1);
   for (Index v = 0; v < constraints.vertex_count(); ++v) {
     const Index r = root(v);
-    if (fixed[r]) continue;
+    if (fixed[r] >= 0) {
+      fixed_vertices_.emplace_back(v, fixed[r]);
+      continue;
+    }
     for (int i = 0; i < unknowns_; ++i) {
       target_[v * unknowns_ + i] = r == v ? free_count_++ : target_[r * unknowns_ + i];
     }
@@ -268,26 +279,23 @@ Eigen::MatrixXd Reduction::right_hand_side(const SparseMatrix& H, const Matrix& 
   return rhs;
 }
 
-Matrix Reduction::fixed_part(const Constraints& constraints, Eigen::Index columns) const {
-  Matrix X = Matrix::Zero(unknown_count_, columns);
-  for (const auto& fixed : constraints.fixed()) {
-    for_each_scalar(fixed.vertex, fixed.value, unknowns_,
-                    [&](Index unknown, int column, double value) { X(unknown, column) = value; });
-  }
-  if (constraints.identified().empty()) return X;
-  // Vertices identified with a fixed one take its value.
-  bool changed = true;
-  std::set<Index> known;
-  for (const auto& fixed : constraints.fixed()) known.insert(fixed.vertex);
-  while (changed) {
-    changed = false;
-    for (const auto& pair : constraints.identified()) {
-      for (const auto& [from, to] : {std::pair(pair.first, pair.second), std::pair(pair.second, pair.first)}) {
-        if (known.count(from) == 0 || !known.insert(to).second) continue;
-        X.middleRows(to * unknowns_, unknowns_) = X.middleRows(from * unknowns_, unknowns_);
-        changed = true;
-      }
+void Reduction::check_fixed_pairs(const Constraints& constraints) const {
+  for (const auto& [i, j] : fixed_pairs_) {
+    const Constraints::Value& a = constraints.fixed()[i];
+    const Constraints::Value& b = constraints.fixed()[j];
+    if (a.value != b.value) {
+      throw DataError(fmt::format("constraint: vertices {} and {} are identified, but fixed at ({}) and ({})", a.vertex,
+                                  b.vertex, fmt::join(a.value, ", "), fmt::join(b.value, ", ")));
     }
+  }
+}
+
+Matrix Reduction::fixed_part(const Constraints& constraints, Eigen::Index columns) const {
+  check_fixed_pairs(constraints);  // values may have changed since the constructor
+  Matrix X = Matrix::Zero(unknown_count_, columns);
+  for (const auto& [vertex, constraint] : fixed_vertices_) {
+    for_each_scalar(vertex, constraints.fixed()[constraint].value, unknowns_,
+                    [&](Index unknown, int column, double value) { X(unknown, column) = value; });
   }
   return X;
 }
@@ -329,61 +337,132 @@ void Reduction::append_soft_rows(const Constraints& constraints, std::vector<Eig
   }
 }
 
-void check_constraint_rank(const Domain& domain, const Constraints& constraints, const Eigen::MatrixXd& kernel,
-                           int unknowns) {
-  if (kernel.cols() == 0) return;
-  // Vertices of each component, and the constrained ones among them.
-  std::vector<std::set<Index>> constrained(domain.component_count());
-  std::vector<Index> example(domain.component_count(), -1);
-  std::vector<std::vector<Index>> components_of(domain.vertex_count());
+namespace {
+
+// Rank of rows that come in blocks; keeps at most a triangle and one batch of them.
+class RowSpace {
+ public:
+  explicit RowSpace(Eigen::Index columns) : columns_(columns), rows_(0, columns) {}
+
+  void add(const Eigen::MatrixXd& block) {
+    rows_.conservativeResize(rows_.rows() + block.rows(), Eigen::NoChange);
+    rows_.bottomRows(block.rows()) = block;
+    if (rows_.rows() > 2 * columns_ + kBatch) {
+      // R of a QR factorization has the singular values of the rows.
+      const Eigen::MatrixXd R =
+          Eigen::HouseholderQR<Eigen::MatrixXd>(rows_).matrixQR().topRows(columns_).triangularView<Eigen::Upper>();
+      rows_ = R;
+    }
+  }
+
+  Eigen::Index rank() const {
+    if (rows_.rows() == 0) return 0;
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(rows_);
+    qr.setThreshold(1e-10);
+    return qr.rank();
+  }
+
+ private:
+  static constexpr Eigen::Index kBatch = 256;
+  Eigen::Index columns_;
+  Eigen::MatrixXd rows_;
+};
+
+// Components of the domain that each vertex belongs to.
+std::vector<std::vector<Index>> components_of_vertices(const Domain& domain) {
+  std::vector<std::vector<Index>> components(domain.vertex_count());
   for (Index t = 0; t < domain.cell_count(); ++t) {
     const Index component = domain.cell_components()[t];
-    if (example[component] < 0) example[component] = t;
     for (int i = 0; i < domain.cell_size(); ++i) {
-      auto& list = components_of[domain.cells()(t, i)];
+      auto& list = components[domain.cells()(t, i)];
       if (std::find(list.begin(), list.end(), component) == list.end()) list.push_back(component);
     }
   }
-  const auto mark = [&](Index vertex) {
-    for (const Index component : components_of[vertex]) constrained[component].insert(vertex);
-  };
-  for (const auto& value : constraints.fixed()) mark(value.vertex);
-  for (const auto& value : constraints.soft()) mark(value.vertex);
-  // Identifications and equalities couple components: what they pin cannot be told per component, so they count.
-  for (const auto& pair : constraints.identified()) {
-    mark(pair.first);
-    mark(pair.second);
+  return components;
+}
+
+}  // namespace
+
+void check_constraint_rank(const Domain& domain, const Constraints& constraints, const Eigen::MatrixXd& kernel,
+                           int unknowns) {
+  const Eigen::Index motions = kernel.cols();
+  if (motions == 0) return;
+  const auto components_of = components_of_vertices(domain);
+  const auto at = [&](Index vertex) { return kernel.middleRows(vertex * unknowns, unknowns); };
+
+  // What hard and soft constraints hold of each component on its own.
+  std::vector<RowSpace> own(domain.component_count(), RowSpace(motions));
+  std::vector<Index> count(domain.component_count(), 0);
+  for (const auto* values : {&constraints.fixed(), &constraints.soft()}) {
+    for (const auto& value : *values) {
+      for (const Index component : components_of[value.vertex]) {
+        own[component].add(at(value.vertex));
+        ++count[component];
+      }
+    }
   }
-  for (const auto& equality : constraints.equalities()) {
-    for (const Index vertex : equality.vertices) mark(vertex);
-  }
+  std::vector<Index> column(domain.component_count(), -1);  // of the components that could still move
+  std::vector<Index> loose;
   for (Index component = 0; component < domain.component_count(); ++component) {
-    // A few dozen vertices far apart show the rank as well as thousands do.
-    std::vector<Index> vertices(constrained[component].begin(), constrained[component].end());
-    constexpr std::size_t kEnough = 64;
-    if (vertices.size() > kEnough) {
-      std::vector<Index> chosen;
-      for (std::size_t i = 0; i < kEnough; ++i) chosen.push_back(vertices[i * (vertices.size() - 1) / (kEnough - 1)]);
-      vertices = chosen;
-    }
-    Eigen::MatrixXd restricted(static_cast<Eigen::Index>(vertices.size()) * unknowns, kernel.cols());
-    for (std::size_t i = 0; i < vertices.size(); ++i) {
-      restricted.middleRows(static_cast<Eigen::Index>(i) * unknowns, unknowns) =
-          kernel.middleRows(vertices[i] * unknowns, unknowns);
-    }
-    Eigen::Index rank = 0;
-    if (restricted.rows() > 0) {
-      Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(restricted);
-      qr.setThreshold(1e-10);
-      rank = qr.rank();
-    }
-    if (rank < kernel.cols()) {
-      throw DataError(fmt::format(
-          "too few constraints: component {} of {} (with cell {}) has {} constrained vertices, which hold {} of the {} "
-          "motions that the energy does not see; constrain more vertices there",
-          component, domain.component_count(), example[component], constrained[component].size(), rank, kernel.cols()));
-    }
+    if (own[component].rank() == motions) continue;
+    column[component] = static_cast<Index>(loose.size()) * static_cast<Index>(motions);
+    loose.push_back(component);
   }
+  if (loose.empty()) return;
+
+  // Those are held together by shared vertices, identifications and equalities: the rank over all of their motions.
+  const Eigen::Index size = static_cast<Eigen::Index>(loose.size()) * motions;
+  constexpr Eigen::Index kLargest = 4000;  // dense algebra; beyond, only what stands alone is checked
+  RowSpace together(size <= kLargest ? size : 0);
+  Eigen::MatrixXd row;
+  const auto add_to_row = [&](Index vertex, double weight) {
+    const Index component = components_of[vertex].front();
+    if (column[component] >= 0) row.middleCols(column[component], motions) += weight * at(vertex);
+  };
+  const auto finish_row = [&] {
+    if (!row.isZero(0.0)) together.add(row);
+  };
+  const auto start_row = [&] { row.setZero(unknowns, size); };
+  const bool coupled = size <= kLargest && (domain.component_count() > 1 || !constraints.identified().empty() ||
+                                            !constraints.equalities().empty());
+  if (coupled) {
+    for (const auto* values : {&constraints.fixed(), &constraints.soft()}) {
+      for (const auto& value : *values) {
+        start_row();
+        add_to_row(value.vertex, 1.0);
+        finish_row();
+      }
+    }
+    for (Index v = 0; v < domain.vertex_count(); ++v) {
+      for (std::size_t k = 1; k < components_of[v].size(); ++k) {
+        start_row();
+        add_to_row(v, 1.0);
+        const Index other = components_of[v][k];
+        if (column[other] >= 0) row.middleCols(column[other], motions) -= at(v);
+        finish_row();
+      }
+    }
+    for (const auto& pair : constraints.identified()) {
+      start_row();
+      add_to_row(pair.first, 1.0);
+      add_to_row(pair.second, -1.0);
+      finish_row();
+    }
+    for (const auto& equality : constraints.equalities()) {
+      start_row();
+      for (std::size_t k = 0; k < equality.vertices.size(); ++k) add_to_row(equality.vertices[k], equality.weights[k]);
+      finish_row();
+    }
+    if (together.rank() == size) return;
+  }
+  const Index component = loose.front();
+  Index cell = 0;
+  while (domain.cell_components()[cell] != component) ++cell;
+  throw DataError(fmt::format(
+      "too few constraints: component {} of {} (with cell {}) has {} constrained vertices, which hold {} of the {} "
+      "motions that the energy does not see{}; constrain more vertices there",
+      component, domain.component_count(), cell, count[component], own[component].rank(), motions,
+      coupled ? ", and what it shares with other vertices does not hold the rest" : ""));
 }
 
 }  // namespace variform

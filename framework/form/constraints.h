@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "framework/base/types.h"
@@ -69,7 +70,8 @@ class Constraints {
 /// any number of threads) and without allocation.
 class Reduction {
  public:
-  /// unknowns per vertex (1 or d): whether the columns of U are solved for together.
+  /// unknowns per vertex (1 or d): whether the columns of U are solved for together. Throws DataError when identified
+  /// vertices are fixed at different values (so do the functions that use the values, which may have changed).
   Reduction(const SparseMatrix& H, const Constraints& constraints, int unknowns);
 
   /// Unknowns left to solve for, without multipliers.
@@ -97,6 +99,7 @@ class Reduction {
   Index soft_row_count(const Constraints& constraints) const;
 
  private:
+  void check_fixed_pairs(const Constraints& constraints) const;
   double soft_weight(const Constraints::Value& soft) const { return soft.weight > 0.0 ? soft.weight : default_weight_; }
 
   // Consecutive entries of H that become consecutive entries of K.
@@ -122,7 +125,9 @@ class Reduction {
   Index free_count_ = 0;
   Index multiplier_count_ = 0;
   double default_weight_ = 0.0;
-  IndexVector target_;  // unknown -> y, or -1 when fixed
+  IndexVector target_;                                   // unknown -> y, or -1 when fixed
+  std::vector<std::pair<Index, Index>> fixed_vertices_;  // vertex and the constraint that fixes it
+  std::vector<std::pair<Index, Index>> fixed_pairs_;     // constraints whose vertices are identified
   std::vector<Run> runs_;
   std::vector<Addition> additions_;
   std::vector<Coupling> couplings_;
@@ -131,9 +136,10 @@ class Reduction {
   std::vector<std::pair<Index, double>> multiplier_entries_;  // constant entries of the equality rows
 };
 
-/// Rank that the hard and soft constraints have on the kernel of an energy, per facet-connected component of the
-/// domain: throws DataError naming the first component whose constraints leave motions in the kernel free, with the
-/// rank found and the rank needed. kernel: (unknowns |V|) x dim, a basis of the energy's kernel; empty: nothing to
+/// Checks that the constraints hold every motion that an energy does not see: each facet-connected component of the
+/// domain may move by its own combination of the kernel's fields, vertices shared by components and identified vertices
+/// move alike, linear equalities hold one combination. Throws DataError naming the first component that could still
+/// move, with the rank found there and the rank needed. kernel: (unknowns |V|) x dim, a basis; no columns: nothing to
 /// check.
 void check_constraint_rank(const Domain& domain, const Constraints& constraints, const Eigen::MatrixXd& kernel,
                            int unknowns);

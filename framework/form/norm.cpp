@@ -184,6 +184,35 @@ class DiagonalNorm final : public Norm {
   }
 };
 
+class ScaledNorm final : public Norm {
+ public:
+  ScaledNorm(std::unique_ptr<Norm> norm, double factor) : norm_(std::move(norm)), factor_(factor) {
+    links_ = norm_->links();
+    transports_ = norm_->transports();
+    build_adjacency(norm_->site_count());
+    scale();
+  }
+
+  void refresh(const Domain& domain) override {
+    norm_->refresh(domain);
+    scale();
+  }
+
+  RowSparseMatrix root() const override { return std::sqrt(factor_) * norm_->root(); }
+  std::vector<Index> root_links() const override { return norm_->root_links(); }
+
+ private:
+  void scale() {
+    plain_diagonal_ = norm_->diagonal();
+    plain_link_weights_ = norm_->link_weights();
+    diagonal_ = factor_ * plain_diagonal_;
+    link_weights_ = factor_ * plain_link_weights_;
+  }
+
+  std::unique_ptr<Norm> norm_;
+  double factor_;
+};
+
 // y += weight * T x on pairs of components, T = [c -s; s c], or its transpose.
 void add_rotated(double weight, double c, double s, const double* x, double* y, int size) {
   for (int i = 0; i + 1 < size; i += 2) {
@@ -239,6 +268,10 @@ std::unique_ptr<Norm> cell_norm(const Domain& domain, const NormOptions& options
 
 std::unique_ptr<Norm> vertex_norm(const Domain& domain, const NormOptions& options) {
   return std::make_unique<VertexNorm>(domain, options);
+}
+
+std::unique_ptr<Norm> scaled_norm(std::unique_ptr<Norm> norm, double factor) {
+  return std::make_unique<ScaledNorm>(std::move(norm), factor);
 }
 
 std::unique_ptr<Norm> diagonal_norm(const Vector& weights) { return std::make_unique<DiagonalNorm>(weights); }

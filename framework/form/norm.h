@@ -125,6 +125,9 @@ std::unique_ptr<Norm> vertex_norm(const Domain& domain, const NormOptions& optio
 /// W = diag(weights): for residuals that bring their own weights. refresh keeps them.
 std::unique_ptr<Norm> diagonal_norm(const Vector& weights);
 
+/// factor times a norm; the plain norm stays that of `norm` itself. For blends of two terms by beta.
+std::unique_ptr<Norm> scaled_norm(std::unique_ptr<Norm> norm, double factor);
+
 /// b_f for every interior facet.
 Vector facet_weights(const Domain& domain, FacetWeight weight);
 

@@ -7,15 +7,6 @@
 #include "framework/base/stopwatch.h"
 
 namespace variform {
-namespace {
-
-std::unique_ptr<Norm> make_norm(const Domain& domain, const Energy& energy, const EnergyTraits& traits,
-                                const NormOptions& options) {
-  if (traits.support == Support::vertices) return vertex_norm(domain, options);
-  return cell_norm(domain, options, traits.gauge == Gauge::cell_frame ? energy.frames(domain) : Matrix());
-}
-
-}  // namespace
 
 Problem::Problem(const Domain& domain, const Energy& energy, const NormOptions& norm, Constraints constraints)
     : domain_(domain),
@@ -29,22 +20,31 @@ Problem::Problem(const Domain& domain, const Energy& energy, const NormOptions& 
         fmt::format("problem: constraints on {} vertices in dimension {}, the energy has {} vertices in {}",
                     constraints_.vertex_count(), constraints_.dimension(), domain.vertex_count(), traits_.dimension()));
   }
-  check_constraint_rank(domain, constraints_, kernel_basis(traits_, domain), traits_.unknowns);
-  std::optional<Term> own = own_regularizer();
-  NormOptions options = norm_;
-  if (own) options.beta = 0.0;
-  Term term{energy.declare(domain), make_norm(domain, energy, traits_, options)};
-  if (own) {
-    if (!(norm_.beta >= 0.0 && norm_.beta < 1.0)) {
-      throw UsageError(fmt::format("norm: beta = {}: expected a value in [0, 1)", norm_.beta));
-    }
-    // The blend of the two terms goes into weights: (1-beta) and beta scale the norms.
-    term.norm = diagonal_norm((1.0 - norm_.beta) * term.norm->diagonal());
-    own->norm = diagonal_norm(norm_.beta * own->norm->diagonal());
+  if (!(norm_.beta >= 0.0 && norm_.beta < 1.0)) {
+    throw UsageError(fmt::format("norm: beta = {}: expected a value in [0, 1)", norm_.beta));
   }
+  // Tikhonov regularization sees everything but constants.
+  EnergyTraits seen = traits_;
+  if (norm_.regularizer == Regularizer::tikhonov && norm_.beta > 0.0) seen.kernel = Kernel::constants;
+  check_constraint_rank(domain, constraints_, kernel_basis(seen, domain), traits_.unknowns);
+  std::optional<Term> own = own_regularizer();
+  Term term{energy.declare(domain), residual_norm(own.has_value())};
+  if (own) own->norm = scaled_norm(std::move(own->norm), norm_.beta);
   terms_.push_back(std::move(term));
   if (own) terms_.push_back(std::move(*own));
   times_.declare += watch.seconds();
+}
+
+std::unique_ptr<Norm> Problem::residual_norm(bool blended) const {
+  NormOptions options = norm_;
+  if (blended) options.beta = 0.0;
+  std::unique_ptr<Norm> norm;
+  if (traits_.support == Support::vertices) {
+    norm = vertex_norm(domain_, options);
+  } else {
+    norm = cell_norm(domain_, options, traits_.gauge == Gauge::cell_frame ? energy_.frames(domain_) : Matrix());
+  }
+  return blended ? scaled_norm(std::move(norm), 1.0 - norm_.beta) : std::move(norm);
 }
 
 std::optional<Term> Problem::own_regularizer() const {
@@ -60,15 +60,15 @@ std::optional<Term> Problem::own_regularizer() const {
 void Problem::refresh_operator() {
   const Stopwatch watch;
   energy_.refresh_operator(domain_, terms_.front().form);
-  if (terms_.size() == 1) {
-    terms_.front().norm->refresh(domain_);
+  if (traits_.gauge == Gauge::cell_frame) {
+    terms_.front().norm = residual_norm(terms_.size() > 1);  // frames move with the cells, and the transports with them
   } else {
+    terms_.front().norm->refresh(domain_);
+  }
+  if (terms_.size() > 1) {
     Term own = std::move(*own_regularizer());
-    NormOptions plain = norm_;
-    plain.beta = 0.0;
-    terms_[0].norm = diagonal_norm((1.0 - norm_.beta) * make_norm(domain_, energy_, traits_, plain)->diagonal());
-    terms_[1].form = std::move(own.form);
-    terms_[1].norm = diagonal_norm(norm_.beta * own.norm->diagonal());
+    own.norm = scaled_norm(std::move(own.norm), norm_.beta);
+    terms_[1] = std::move(own);
   }
   matrix_stale_ = targets_stale_ = true;
   target_state_.resize(0, 0);
@@ -189,10 +189,9 @@ EnergyValue Problem::value(const Matrix& U) const {
   value.plain = terms_.front().norm->plain_squared(R);
   if (terms_.size() > 1) {
     const Term& own = terms_[1];
-    const double weighted = own.norm->squared(own.form.residual(as_unknowns(U, own.form)));
-    value.plain /= 1.0 - norm_.beta;
-    value.variation = norm_.beta > 0.0 ? weighted / norm_.beta : 0.0;
-    value.total += weighted;
+    const Matrix own_residual = own.form.residual(as_unknowns(U, own.form));
+    value.variation = own.norm->plain_squared(own_residual);
+    value.total += own.norm->squared(own_residual);
   } else if (traits_.support == Support::cells && traits_.gauge == Gauge::world) {
     value.variation = residual_variation(domain_, norm_.facet_weight, R);
   } else if (norm_.beta > 0.0) {

@@ -73,6 +73,8 @@ class Problem {
   const ProblemTimes& times() const { return times_; }
 
  private:
+  // The norm of the energy's term: W_n, or (1-beta) times the plain one when another term is blended in.
+  std::unique_ptr<Norm> residual_norm(bool blended) const;
   std::optional<Term> own_regularizer() const;
   void ensure_pattern();
   void ensure_matrix();

@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
+
 #include "framework/base/error.h"
 #include "framework/base/stopwatch.h"
 
@@ -26,12 +28,17 @@ Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const 
     U = next;
     ++report_.iterations;
     report_.history.push_back({report_.iterations, objective.value(U), change, watch.seconds()});
+    if (!std::isfinite(report_.history.back().energy.total)) {
+      throw SolverError(
+          fmt::format("nonlinear backend '{}': the energy is not finite after iteration {}", name, report_.iterations));
+    }
+    const bool go_on = !observer || observer(report_.history.back());
     if (change <= options.tolerance) {
       report_.converged = true;
       report_.reason = fmt::format("step {:.3g} at most tolerance {:.3g}", change, options.tolerance);
       break;
     }
-    if (observer && !observer(report_.history.back())) {
+    if (!go_on) {
       report_.reason = "stopped by the observer";
       break;
     }

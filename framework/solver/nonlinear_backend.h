@@ -72,7 +72,7 @@ class NonlinearBackend {
  protected:
   explicit NonlinearBackend(std::string name) { report_.backend = std::move(name); }
 
-  /// Next state, and whether the backend's own rule is met. The base class applies the common rules.
+  /// Next state. Whether to stop there is decided by minimize(), by the same rules for all backends.
   virtual Matrix step(Objective& objective, const Matrix& U) = 0;
 
  private:

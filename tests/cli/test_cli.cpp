@@ -12,6 +12,8 @@
 #include <chrono>
 #include <cmath>
 #include <csignal>
+#include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <map>
 #include <regex>
@@ -296,6 +298,17 @@ TEST_F(Cli, RunPrintsTheTableUnlessQuiet) {
   EXPECT_EQ(run_study({"--quiet"}).out, "");
 }
 
+TEST_F(Cli, RunDrawsTheDeformedMesh) {
+  write("study.toml", kStudy);
+  const Result result = call({"run", "{}/study.toml", "--out", "{}/out", "--quiet"});
+  EXPECT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(result.err, "");
+  ASSERT_EQ(record()["figures"].size(), 1u);
+  const std::string path = record()["figures"][0]["path"];
+  EXPECT_THAT(content_of(at("out/" + path + ".svg")), HasSubstr("<svg"));
+  EXPECT_THAT(content_of(at("out/" + path + ".png")), HasSubstr("PNG"));
+}
+
 TEST_F(Cli, SetReplacesValuesAndVertexOrderIsThatOfTheMesh) {
   write("study.toml", kStudy);
   ASSERT_EQ(run_study({"--set", "norm.beta=0.5", "--set", "energy.type=larap", "--set", "domain.h=0.5"}).code, 3)
@@ -305,6 +318,111 @@ TEST_F(Cli, SetReplacesValuesAndVertexOrderIsThatOfTheMesh) {
       0);
   EXPECT_EQ(record()["rows"][0]["beta"], 0.5);
   EXPECT_THAT(record()["config"].get<std::string>(), HasSubstr("type = \"larap\""));
+}
+
+/// The mesh with an unused vertex in front and one in the middle, and constraints by its own numbers.
+TEST_F(Cli, VertexNumbersAreThoseOfTheFileWhateverIsDropped) {
+  std::string mesh = "v 9 9 0\n" + kMesh;
+  for (std::size_t line = mesh.find("\nf "); line != std::string::npos; line = mesh.find("\nf ", line + 1)) {
+    std::istringstream corners(mesh.substr(line + 3, mesh.find('\n', line + 1) - line - 3));
+    int a = 0;
+    int b = 0;
+    int c = 0;
+    corners >> a >> b >> c;
+    mesh.replace(line + 3, mesh.find('\n', line + 1) - line - 3, fmt::format("{} {} {}", a + 1, b + 1, c + 1));
+  }
+  write("mesh.obj", mesh);
+  // Vertices 2 and 4 (from 0) of the file are (0, 0) and (2, 0).
+  const std::string study = R"(pipeline = "deform.planar"
+domain = { mesh = "mesh.obj" }
+energy = { type = "arap" }
+solver = { tolerance = 1e-12 }
+[[constraint]]
+kind = "hard"
+vertices = [2, 4]
+positions = [[0.25, 0.5], [2.25, 0.5]]
+)";
+  write("study.toml", study);
+  ASSERT_EQ(run_study().code, 0);
+  const ObjMesh rest = read_obj(mesh);
+  const ObjMesh result = read_obj(content_of(at("out/meshes/point-0000.obj")));
+  ASSERT_EQ(result.vertices.size(), 10U);
+  EXPECT_EQ(result.vertices[0], rest.vertices[0]) << "dropped, at rest";
+  for (std::size_t v = 1; v < 10; ++v) {
+    EXPECT_LT((result.vertices[v] - rest.vertices[v] - Eigen::Vector2d(0.25, 0.5)).norm(), 1e-5) << v;
+  }
+  EXPECT_EQ(result.triangles, rest.triangles);
+  const Result dropped = run_study({"--set", "constraint[0].vertices=[0, 4]"});
+  EXPECT_EQ(dropped.code, 3);
+  EXPECT_THAT(dropped.err, HasSubstr("vertex 0 belongs to no cell"));
+}
+
+TEST_F(Cli, AMeshFlatInAnotherPlaneComesBackInThatPlane) {
+  std::string mesh;
+  std::istringstream lines(kMesh);
+  for (std::string line; std::getline(lines, line);) {
+    double x = 0.0;
+    double y = 0.0;
+    if (std::sscanf(line.c_str(), "v %lf %lf", &x, &y) == 2) line = fmt::format("v {} 7 {}", x, y);
+    mesh += line + "\n";
+  }
+  write("mesh.obj", mesh);
+  write("study.toml", R"(pipeline = "deform.planar"
+domain = { mesh = "mesh.obj" }
+energy = { type = "arap" }
+solver = { tolerance = 1e-12 }
+[[constraint]]
+kind = "hard"
+vertices = [1, 3]
+move = [0.5, 0.25]
+)");
+  ASSERT_EQ(run_study().code, 0);
+  std::istringstream result(content_of(at("out/meshes/point-0000.obj")));
+  int vertices = 0;
+  for (std::string line; std::getline(result, line);) {
+    double x = 0.0;
+    double y = 0.0;
+    double z = 0.0;
+    if (std::sscanf(line.c_str(), "v %lf %lf %lf", &x, &y, &z) != 3) continue;
+    EXPECT_EQ(y, 7.0);
+    EXPECT_NEAR(x - 0.5, std::round(x - 0.5), 1e-5);
+    EXPECT_NEAR(z - 0.25, std::round(z - 0.25), 1e-5);
+    ++vertices;
+  }
+  EXPECT_EQ(vertices, 9);
+}
+
+TEST_F(Cli, AValueGivenByHandIsNotSwept) {
+  write("study.toml", kStudy + "[sweep]\n\"norm.beta\" = [0, 0.2]\n\"energy.type\" = [\"asap\", \"larap\"]\n");
+  for (const std::string value : {"norm.beta=0.5", " norm.beta = 0.5 ", "norm={ beta = 0.5 }"}) {
+    ASSERT_EQ(run_study({"--set", value}).code, 0);
+    ASSERT_EQ(record()["rows"].size(), 2U) << value;
+    for (const auto& row : record()["rows"]) EXPECT_EQ(row["beta"], 0.5) << value;
+  }
+}
+
+/// What the project ships runs, and says of its claims what the documentation says.
+TEST_F(Cli, ShippedExperimentsHoldTheirClaims) {
+  const std::string folder = VARIFORM_SOURCE_DIR "/experiments/smoothed_energies/";
+  for (const std::string name : {"demo", "benchmark-p1-square", "benchmark-p4-p1"}) {
+    const Result result = call({"reproduce", folder + name + ".toml", "--out", "{}/out", "--no-figures", "--quiet"});
+    EXPECT_EQ(result.code, 0) << name << "\n" << result.out << result.err;
+  }
+}
+
+/// Where the real meshes are at hand (VARIFORM_DATA), the main job runs on them; elsewhere it says that it skips them.
+TEST_F(Cli, RealMeshesRunWhereTheyAre) {
+  const std::string folder = VARIFORM_SOURCE_DIR "/experiments/smoothed_energies/";
+  for (const std::string name : {"real-woody", "real-lego", "real-kangaroo", "real-hele-shaw", "real-annulus"}) {
+    const Result result = call({"reproduce", folder + name + ".toml", "--out", "{}/out", "--no-figures", "--set",
+                                "sweep={ \"norm.beta\" = [0.2, 0.4] }"});
+    EXPECT_EQ(result.code, 0) << name << "\n" << result.out << result.err;
+    const bool there = fs::exists(at("out/smoothed_energies/" + name + "/record.json"));
+    EXPECT_THAT(result.out, HasSubstr(there ? "holds" : "skipped"));
+    if (std::getenv("VARIFORM_DATA") == nullptr) {
+      EXPECT_FALSE(there) << name;
+    }
+  }
 }
 
 TEST_F(Cli, EveryEnergyThatFitsRuns) {
@@ -450,6 +568,24 @@ TEST_F(Cli, ResumeGivesTheSameTable) {
   EXPECT_NE(content_of(at("out/table.csv")), table) << "without --resume, times differ";
 }
 
+TEST_F(Cli, ResumeSeesThatTheMeshChanged) {
+  write("mesh.obj", kMesh);
+  write("study.toml", R"(pipeline = "deform.planar"
+domain = { mesh = "mesh.obj" }
+energy = { type = "arap" }
+solver = { tolerance = 1e-12 }
+[[constraint]]
+kind = "hard"
+vertices = [1, 3]
+)");
+  ASSERT_EQ(run_study().code, 0);
+  std::string moved = kMesh;
+  moved.replace(moved.find("v 1 1 0"), 7, "v 1 1.2 0");
+  write("mesh.obj", moved);
+  ASSERT_EQ(run_study({"--resume"}).code, 0);
+  EXPECT_NEAR(read_obj(content_of(at("out/meshes/point-0000.obj"))).vertices[2][1], 1.2, 1e-9);
+}
+
 TEST_F(Cli, AnInterruptLeavesAValidRecordOfWhatIsFinished) {
   write("study.toml", kStudy + kClaim);
   std::string betas = "0";
@@ -507,7 +643,6 @@ TEST_P(BadInputs, EndWithTheRightCodeAndAMessageThatNamesTheFault) {
   const BadInput& input = GetParam();
   write("study.toml", input.study);
   for (const auto& [name, content] : input.files) write(name, content);
-  // An old record must not pass for one of the failed run once the config itself is accepted.
   std::vector<std::string> arguments = input.arguments;
   if (arguments.empty() || arguments.front().front() == '-') {
     const std::vector<std::string> run = {"run", "{}/study.toml", "--out", "{}/out", "--quiet"};
@@ -614,7 +749,7 @@ const std::vector<BadInput> kBadInputs = {
     with("BadRepair", 2, "key 'domain.repair.0.': expected orientation", "domain.repair=[\"holes\"]"),
     {"LeastSquaresForEqualities",
      2,
-     "least-squares|not in this build|not compiled|is not available",
+     "not a least-squares one|is not compiled in",
      {"--set", "solver.linear=spqr", "--set",
       "constraint=[{ kind = \"hard\", vertices = [0, 1] }, "
       "{ kind = \"linear\", vertices = [7, 8], weights = [1, -1], value = [0.2, 0] }]"}},
@@ -689,6 +824,8 @@ const std::vector<BadInput> kBadInputs = {
      replaced("[0, 5]", "[0, 25]")},
     with("VertexNegative", 3, "vertex -1 does not exist", "constraint[0].vertices=[-1]"),
     with("Contradiction", 3, "key 'constraint.1.': .*vertex 0 is fixed at both", "constraint[1].vertices=[0, 24]"),
+    with("FixedApartAndIdentified", 3, R"(vertices 0 and 1 are identified, but fixed at \(0, 0\) and \(0.25, 0\))",
+         "constraint=[{ kind = \"hard\", vertices = [0, 1] }, { kind = \"identify\", vertices = [0, 1] }]"),
     with("TooFewForTheKernel", 3, "too few constraints: component 0 of 1 .*1 constrained vertices.*2 of the 4",
          "constraint=[{ kind = \"hard\", vertices = [3] }]"),
     with("NoConstraints", 3, "too few constraints: component 0", "constraint=[]"),

@@ -22,12 +22,20 @@ Matrix rest_values(const Domain& domain, int d) {
   return U;
 }
 
-// Every vertex on the boundary but some fixed slightly off rest: enough for any energy.
+// Every third vertex, where there is a boundary only those on it: enough for any energy.
+std::vector<Index> held_vertices(const Domain& domain) {
+  std::vector<Index> held;
+  for (Index v = 0; v < domain.vertex_count(); v += 3) {
+    if (domain.boundary_vertices()[v] || domain.boundary_facets().rows() == 0) held.push_back(v);
+  }
+  return held;
+}
+
+// Fixed slightly off rest.
 Constraints wobbly_boundary(const Domain& domain, int d) {
   Constraints constraints(domain.vertex_count(), d);
   const Matrix rest = rest_values(domain, d);
-  for (Index v = 0; v < domain.vertex_count(); v += 3) {
-    if (!domain.boundary_vertices()[v]) continue;
+  for (const Index v : held_vertices(domain)) {
     Eigen::RowVectorXd value = rest.row(v);
     for (int i = 0; i < d; ++i) value[i] += 0.05 * std::sin(3.0 * v + i);
     constraints.fix(v, value);
@@ -64,20 +72,42 @@ void check_normal_equations(Problem& problem) {
             1e-12 * std::max(1.0, H.cwiseAbs().maxCoeff()));
 }
 
+void check_stacked_form(Problem& problem, const Domain& domain) {
+  const int d = problem.traits().dimension();
+  const StackedForm stacked = stack(problem.terms());
+  const Eigen::MatrixXd S_E = stacked.matrix;
+  const Eigen::MatrixXd H = dense_symmetric(problem.normal_matrix());
+  const double scale = H.cwiseAbs().maxCoeff();
+  EXPECT_LT((S_E.transpose() * S_E - H).cwiseAbs().maxCoeff(), 1e-12 * scale);
+  EXPECT_LT((S_E.transpose() * stacked.right_hand_side - problem.normal_right_hand_side()).cwiseAbs().maxCoeff(),
+            1e-12 * std::max(1.0, scale));
+  for (int sample = 0; sample < 3; ++sample) {
+    const Matrix U = rest_values(domain, d) + Matrix::Random(domain.vertex_count(), d);
+    const Matrix X = as_unknowns(U, problem.terms().front().form);
+    const double total = problem.value(U).total;
+    EXPECT_NEAR((S_E * X - stacked.right_hand_side).squaredNorm(), total, 1e-12 * total);
+  }
+}
+
+// 2 (H u - g) for the current targets, one row per vertex.
+Matrix gradient_at(Problem& problem, const Matrix& U) {
+  const Form& form = problem.terms().front().form;
+  const Matrix gradient = 2.0 * (problem.normal_matrix().selfadjointView<Eigen::Lower>() * as_unknowns(U, form) -
+                                 problem.normal_right_hand_side());
+  return as_vertex_values(gradient, form);
+}
+
 void check_gradient(Problem& problem, const Domain& domain) {
   const int d = problem.traits().dimension();
-  const Form& form = problem.terms().front().form;
   const Matrix U = rest_values(domain, d) + 0.1 * Matrix::Random(domain.vertex_count(), d);
-  const Matrix X = as_unknowns(U, form);
-  const Matrix gradient =
-      2.0 * (problem.normal_matrix().selfadjointView<Eigen::Lower>() * X - problem.normal_right_hand_side());
+  const Matrix gradient = gradient_at(problem, U);
   const double scale = gradient.cwiseAbs().maxCoeff();
   for (int sample = 0; sample < 6; ++sample) {
     Matrix direction = Matrix::Random(U.rows(), d);
     const double step = 1e-4;
     const double difference =
         (problem.value(U + step * direction).total - problem.value(U - step * direction).total) / (2 * step);
-    const double expected = (gradient.array() * as_unknowns(direction, form).array()).sum();
+    const double expected = (gradient.array() * direction.array()).sum();
     // Quadratic: central differences are exact up to rounding.
     EXPECT_NEAR(difference, expected, 1e-7 * scale * std::sqrt(static_cast<double>(U.size())));
   }
@@ -86,7 +116,9 @@ void check_gradient(Problem& problem, const Domain& domain) {
 void check_kernel(Problem& problem, const Domain& domain) {
   const Eigen::MatrixXd basis = kernel_basis(problem.traits(), domain);
   const Eigen::MatrixXd H = dense_symmetric(problem.normal_matrix());
-  EXPECT_LT((H * basis).cwiseAbs().maxCoeff(), 1e-11 * H.cwiseAbs().maxCoeff());
+  if (basis.cols() > 0) {
+    EXPECT_LT((H * basis).cwiseAbs().maxCoeff(), 1e-11 * H.cwiseAbs().maxCoeff());
+  }
   const Vector eigenvalues = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues();
   const auto zeros = (eigenvalues.array() < 1e-11 * eigenvalues.maxCoeff()).count();
   EXPECT_GE(eigenvalues.minCoeff(), -1e-11 * eigenvalues.maxCoeff());
@@ -105,13 +137,49 @@ void check_backends(const Domain& domain, const Energy& energy, const NormOption
     const Matrix U = problem.solve(*backend);
     if (reference.size() == 0) reference = U;
     EXPECT_LT((U - reference).norm(), 1e-9 * reference.norm()) << entry.name;
-    // The minimizer has no descent direction left among the free vertices.
-    const double at = problem.value(U).total;
-    Matrix moved = U;
+    // The gradient vanishes but at the fixed vertices, where it is the force that holds them.
+    const Matrix gradient = gradient_at(problem, U);
+    std::vector<bool> fixed(domain.vertex_count(), false);
+    for (const auto& value : problem.constraints().fixed()) fixed[value.vertex] = true;
+    double left = 0.0;
+    double forces = 0.0;
     for (Index v = 0; v < domain.vertex_count(); ++v) {
-      if (!domain.boundary_vertices()[v]) moved.row(v) += 1e-3 * Eigen::RowVectorXd::Random(d);
+      double& largest = fixed[v] ? forces : left;
+      largest = std::max(largest, gradient.row(v).cwiseAbs().maxCoeff());
     }
-    EXPECT_GE(problem.value(moved).total, at * (1.0 - 1e-12)) << entry.name;
+    EXPECT_LT(left, (entry.capabilities.direct ? 1e-11 : 1e-7) * forces) << entry.name;
+  }
+}
+
+// The targets c(u) of a state are the closest ones that the energy admits. At beta = 0 the sites do not see each other,
+// so E(u) = min over c of |E u - c|^2, whose gradient is the one for constant c = c(u) (envelope theorem).
+void check_closest_targets(const Domain& domain, const Energy& energy) {
+  const int d = energy.traits(domain).dimension();
+  Problem problem(domain, energy, {.beta = 0.0}, wobbly_boundary(domain, d));
+  std::vector<Matrix> states;
+  for (int i = 0; i < 3; ++i)
+    states.push_back(rest_values(domain, d) + 0.05 * Matrix::Random(domain.vertex_count(), d));
+  const auto closest_value = [&](const Matrix& U) {
+    EXPECT_EQ(problem.refresh_target(U), 0);
+    return problem.value(U).total;
+  };
+  for (const Matrix& U : states) {
+    problem.refresh_target(U);
+    const Matrix gradient = gradient_at(problem, U);
+    const Vector distances = problem.residual(U).rowwise().norm();
+    for (int sample = 0; sample < 6; ++sample) {
+      const Matrix direction = Matrix::Random(U.rows(), d);
+      const double step = 1e-6;
+      const double difference =
+          (closest_value(U + step * direction) - closest_value(U - step * direction)) / (2 * step);
+      EXPECT_NEAR(difference, (gradient.array() * direction.array()).sum(), 1e-6 * gradient.norm());
+    }
+    // The targets of other states are admissible, too: none of them is closer, on any site.
+    for (const Matrix& other : states) {
+      problem.refresh_target(other);
+      const Vector others = problem.residual(U).rowwise().norm();
+      EXPECT_GE((others - distances).minCoeff(), -1e-14 * (1.0 + others.maxCoeff()));
+    }
   }
 }
 
@@ -128,6 +196,10 @@ Constraints fixed_at(const Domain& domain, int dimension,
 void check_energy(const std::string& label, const Energy& energy, const Domain& domain, bool rest_is_minimal) {
   const EnergyTraits traits = energy.traits(domain);
   const int d = traits.dimension();
+  if (traits.state == StateDependence::target) {
+    SCOPED_TRACE(label);
+    check_closest_targets(domain, energy);
+  }
   for (const double beta : {0.0, 0.3, 0.9}) {
     for (const FacetWeight weight : kWeights) {
       SCOPED_TRACE(fmt::format("{} beta {} {}", label, beta, to_string(weight)));
@@ -138,6 +210,7 @@ void check_energy(const std::string& label, const Energy& energy, const Domain& 
       ASSERT_EQ(form.unknowns() * form.columns(), d);
       ASSERT_EQ(form.site_count(), traits.support == Support::cells ? domain.cell_count() : domain.vertex_count());
       check_normal_equations(problem);
+      check_stacked_form(problem, domain);
       check_gradient(problem, domain);
       check_kernel(problem, domain);
       check_backends(domain, energy, norm);
@@ -145,9 +218,7 @@ void check_energy(const std::string& label, const Energy& energy, const Domain& 
         const Matrix rest = rest_values(domain, d);
         EXPECT_LT(problem.value(rest).total, 1e-24 * domain.total_measure() * domain.cell_count());
         Constraints still(domain.vertex_count(), d);
-        for (Index v = 0; v < domain.vertex_count(); v += 3) {
-          if (domain.boundary_vertices()[v]) still.fix(v, rest.row(v));
-        }
+        for (const Index v : held_vertices(domain)) still.fix(v, rest.row(v));
         Problem at_rest(domain, energy, norm, still);
         const auto backend = make_linear_backend("eigen.ldlt");
         EXPECT_LT((at_rest.solve(*backend) - rest).cwiseAbs().maxCoeff(), 1e-12 * domain.diameter());

@@ -470,6 +470,14 @@ TEST(Runner, PlotsHaveACurvePerSeriesAndAreWarningsWhereTheyCannotBeDrawn) {
   EXPECT_TRUE(fs::exists(folder / "record.json"));
 }
 
+TEST(Runner, OutputOfKeysThatNoRowHasIsAWarning) {
+  const TemporaryFolder folder;
+  const Record record =
+      run_in(folder, kGrid + "[output]\ncolumns = [\"E\", \"EE\"]\nrates = { E = \"size\", e = \"model.x\" }\n");
+  EXPECT_THAT(record.warnings, ElementsAre("output.columns: no row has 'EE'", "output.rates: no row has 'size'",
+                                           "output.rates: no row has 'e'"));
+}
+
 TEST(Runner, TheFigureShowsNoMoreThanMaxPanels) {
   const TemporaryFolder folder;
   FakePipeline pipeline;

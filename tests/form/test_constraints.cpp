@@ -237,6 +237,74 @@ TEST_F(ConstraintTest, TooFewAreFoundBeforeFactorization) {
               HasSubstr("too few constraints"));
 }
 
+TEST_F(ConstraintTest, IdentificationDoesNotHoldASimilarity) {
+  // All points at one place satisfy an identification, wherever that place is.
+  Constraints c(domain_.vertex_count(), 2);
+  c.identify(0, 2);
+  EXPECT_THAT(message_of([&] { solve(domain_, *make("asap"), 0.2, c); }), HasSubstr("hold 0 of the 4 motions"));
+  // With a pin the collapse is the one minimizer left: two points at one place allow no other similarity.
+  c.fix(5, domain_.positions().row(5));
+  const Matrix U = solve(domain_, *make("asap"), 0.2, c);
+  EXPECT_LT((U.rowwise() - domain_.positions().row(5)).cwiseAbs().maxCoeff(), 1e-10);
+}
+
+TEST_F(ConstraintTest, IdentifiedVerticesFixedApartAreAContradiction) {
+  Constraints c = pinned_;
+  c.identify(0, 7);
+  c.identify(7, 5);
+  EXPECT_THAT(message_of([&] { solve(domain_, *make("larap"), 0.2, c); }),
+              HasSubstr("vertices 0 and 5 are identified, but fixed at"));
+  // Also when the values come later.
+  const auto energy = make("larap");
+  Constraints together(domain_.vertex_count(), 2);
+  together.fix(0, Eigen::RowVector2d(0.0, 0.0));
+  together.fix(5, Eigen::RowVector2d(0.0, 0.0));
+  together.fix(30, domain_.positions().row(30));
+  together.identify(0, 5);
+  Problem problem(domain_, *energy, {.beta = 0.2}, together);
+  const auto linear = make_linear_backend("eigen.ldlt");
+  problem.solve(*linear);
+  Matrix values(3, 2);
+  values << 0.0, 0.0, 0.5, 0.0, 1.0, 1.0;
+  problem.set_fixed_values(values);
+  EXPECT_THAT(message_of([&] { problem.solve(*linear); }), HasSubstr("are identified, but fixed at"));
+}
+
+TEST(ConstraintRank, SeesTheLineThroughCollinearVertices) {
+  // Fixing any number of vertices of one edge of a bar leaves the turn about that edge.
+  const Domain bar(bar_tet_mesh(2.0, 1.0, 1.0, 0.5));
+  const Eigen::MatrixXd kernel =
+      kernel_basis({.residuals = 9, .unknowns = 3, .columns = 1, .kernel = Kernel::rigid_motions}, bar);
+  Constraints constraints(bar.vertex_count(), 3);
+  Index off_edge = 0;
+  for (Index v = 0; v < bar.vertex_count(); ++v) {
+    if (bar.positions()(v, 1) == 0.0 && bar.positions()(v, 2) == 0.0)
+      constraints.fix(v, bar.positions().row(v));
+    else
+      off_edge = v;
+  }
+  EXPECT_THAT(message_of([&] { check_constraint_rank(bar, constraints, kernel, 3); }),
+              HasSubstr("hold 5 of the 6 motions"));
+  constraints.fix(off_edge, bar.positions().row(off_edge));
+  EXPECT_NO_THROW(check_constraint_rank(bar, constraints, kernel, 3));
+}
+
+TEST(ConstraintRank, ComponentsHeldByASeamAreHeld) {
+  // Two squares side by side, not connected: the second is held only by two identifications with the first.
+  Mesh mesh;
+  mesh.positions.resize(8, 2);
+  mesh.positions << 0, 0, 1, 0, 1, 1, 0, 1, 1, 0, 2, 0, 2, 1, 1, 1;
+  mesh.cells.resize(4, 3);
+  mesh.cells << 0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7;
+  const Domain domain(mesh);
+  const auto energy = make("larap");
+  Constraints seam = testing::fixed_at(domain, 2, {{0, Eigen::RowVector2d(0, 0)}, {3, Eigen::RowVector2d(0, 0)}});
+  seam.identify(1, 4);
+  EXPECT_THAT(message_of([&] { Problem(domain, *energy, {}, seam); }), HasSubstr("component 1 of 2"));
+  seam.identify(2, 7);
+  EXPECT_NO_THROW(Problem(domain, *energy, {}, seam));
+}
+
 TEST(ConstraintRank, IsPerComponent) {
   // Two squares that share one vertex: no facet connects them.
   Mesh mesh;

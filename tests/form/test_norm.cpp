@@ -78,6 +78,25 @@ TEST(CellNorm, IsTheStatedMatrix) {
   }
 }
 
+TEST(CellNorm, VariationSeesAllButOneConstantPerComponent) {
+  // Two squares that meet in a vertex: two components, so the jumps have rank |T| - 2.
+  Mesh mesh;
+  mesh.positions.resize(7, 2);
+  mesh.positions << 0, 0, 1, 0, 1, 1, 0, 1, 2, 1, 2, 2, 1, 2;
+  mesh.cells.resize(4, 3);
+  mesh.cells << 0, 1, 2, 0, 2, 3, 2, 4, 5, 2, 5, 6;
+  std::vector<Domain> all = domains();
+  all.emplace_back(mesh);
+  for (const Domain& domain : all) {
+    Eigen::MatrixXd Q = Eigen::MatrixXd::Zero(domain.facet_count(), domain.cell_count());
+    for (Index f = 0; f < domain.facet_count(); ++f) {
+      Q(f, domain.facet_cells()(f, 0)) = 1.0;
+      Q(f, domain.facet_cells()(f, 1)) = -1.0;
+    }
+    EXPECT_EQ(Eigen::FullPivLU<Eigen::MatrixXd>(Q).rank(), domain.cell_count() - domain.component_count());
+  }
+}
+
 TEST(CellNorm, NumberingOfCellsDoesNotMatter) {
   const Domain domain = domains()[0];
   const Index cells = domain.cell_count();

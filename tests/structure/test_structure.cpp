@@ -39,7 +39,7 @@ std::vector<fs::path> files_in(const std::vector<std::string>& folders, const st
   return files;
 }
 
-/// What files include by quotes, as "layer" of the target: the first folder, or the first two inside framework.
+/// The layer of a file: its first folder, or the first two inside framework.
 std::string layer_of(const fs::path& file) {
   auto part = file.begin();
   const std::string first = part->string();
