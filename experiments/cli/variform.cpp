@@ -51,7 +51,8 @@ std::string effective_licence() {
 }
 
 std::string blas_text(const BlasInfo& blas) {
-  return fmt::format("{}, core {}, {} thread{}", blas.library, blas.core, blas.threads, blas.threads == 1 ? "" : "s");
+  return fmt::format("{}, core {}, {} thread{}", blas.implementation, blas.core, blas.threads,
+                     blas.threads == 1 ? "" : "s");
 }
 
 std::vector<std::pair<std::string, std::string>> provenance() {

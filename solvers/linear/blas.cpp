@@ -70,7 +70,7 @@ BlasInfo probe_blas() {
   auto* config = openblas_function<char*()>("openblas_get_config");
   auto* core = openblas_function<char*()>("openblas_get_corename");
   auto* threads = openblas_function<int()>("openblas_get_num_threads");
-  info.library = config != nullptr ? config() : path_of_dgemm();
+  info.implementation = config != nullptr ? config() : path_of_dgemm();
   info.core = core != nullptr ? core() : "unknown";
   if (threads != nullptr) info.threads = threads();
   info.gflops = measure_gflops();

@@ -7,10 +7,10 @@ namespace variform {
 
 /// The BLAS that the process runs with: what dense blocks of the supernodal backends are as fast as.
 struct BlasInfo {
-  std::string library;  ///< version and build of OpenBLAS; for any other BLAS the path of the library
-  std::string core;     ///< which kernels OpenBLAS chose for this CPU; "unknown" for any other BLAS
-  int threads = -1;     ///< -1: unknown
-  double gflops = 0.0;  ///< measured rate of a product of 512 x 512 matrices, best of a few
+  std::string implementation;  ///< version and build of OpenBLAS; for any other BLAS the path of the library
+  std::string core;            ///< which kernels OpenBLAS chose for this CPU; "unknown" for any other BLAS
+  int threads = -1;            ///< -1: unknown
+  double gflops = 0.0;         ///< measured rate of a product of 512 x 512 matrices, best of a few
 };
 
 BlasInfo probe_blas();

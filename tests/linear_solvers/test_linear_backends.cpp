@@ -533,9 +533,9 @@ TEST(LinearRegistry, HoldsEveryBackendInTheFolder) {
 TEST(Blas, ProbeMeasuresSomething) {
   const BlasInfo info = probe_blas();
   EXPECT_GT(info.gflops, 0.0);
-  EXPECT_FALSE(info.library.empty());
+  EXPECT_FALSE(info.implementation.empty());
   EXPECT_FALSE(info.core.empty());
-  RecordProperty("library", info.library);
+  RecordProperty("implementation", info.implementation);
   RecordProperty("core", info.core);
 }
 
