@@ -280,46 +280,70 @@ void Assembly::refill_targets(const std::vector<Term>& terms) {
   }
 }
 
-StackedForm stack(const std::vector<Term>& terms) {
-  std::vector<Eigen::Triplet<double, Index>> triplets;
-  StackedForm stacked;
-  Index rows = 0;
-  for (const Term& term : terms) rows += static_cast<Index>(term.norm->root().rows()) * term.form.residuals();
-  stacked.right_hand_side.setZero(rows, terms.front().form.columns());
+namespace {
+
+// Visits the entries of all roots: visit(form, site, first of its n stacked rows, factor, rotation of pairs of
+// components or nullptr). Returns the number of stacked rows.
+template <class Visit>
+Index for_each_stacked_block(const std::vector<Term>& terms, const Visit& visit) {
   Index base = 0;
   for (const Term& term : terms) {
-    const Form& form = term.form;
     const Norm& norm = *term.norm;
-    const int n = form.residuals();
-    const int u = form.unknowns();
     const auto root = norm.root();
     const std::vector<Index> links = norm.root_links();
-    for (Index q = 0; q < root.rows(); ++q, base += n) {
+    for (Index q = 0; q < root.rows(); ++q, base += term.form.residuals()) {
       const Index link = links.empty() || norm.transports().size() == 0 ? -1 : links[q];
       for (Eigen::SparseMatrix<double, Eigen::RowMajor, Index>::InnerIterator it(root, q); it; ++it) {
-        const auto s = static_cast<Index>(it.col());
-        Eigen::MatrixXd E = it.value() * form.block(s);
-        Eigen::MatrixXd c = it.value() * form.target(s);
-        if (link >= 0 && s == norm.links()(link, 1)) {
-          Eigen::Matrix2d T;
-          T << norm.transports()(link, 0), -norm.transports()(link, 1), norm.transports()(link, 1),
-              norm.transports()(link, 0);
-          for (int i = 0; i + 1 < n; i += 2) {
-            E.middleRows(i, 2) = (T * E.middleRows(i, 2)).eval();
-            c.middleRows(i, 2) = (T * c.middleRows(i, 2)).eval();
-          }
+        const auto site = static_cast<Index>(it.col());
+        Eigen::Matrix2d T;
+        const bool turned = link >= 0 && site == norm.links()(link, 1);
+        if (turned) {
+          const double c = norm.transports()(link, 0);
+          const double s = norm.transports()(link, 1);
+          T << c, -s, s, c;
         }
-        stacked.right_hand_side.middleRows(base, n) += c;
-        for (Eigen::Index k = 0; k < E.cols(); ++k) {
-          const Index column = form.node(s, static_cast<int>(k) / u) * u + static_cast<int>(k) % u;
-          for (int i = 0; i < n; ++i) triplets.emplace_back(base + i, column, E(i, k));
-        }
+        visit(term.form, site, base, it.value(), turned ? &T : nullptr);
       }
     }
   }
-  stacked.matrix.resize(rows, terms.front().form.unknown_count());
-  stacked.matrix.setFromTriplets(triplets.begin(), triplets.end());
-  return stacked;
+  return base;
+}
+
+Eigen::MatrixXd stacked_block(const Eigen::Ref<const Eigen::MatrixXd>& block, double factor, const Eigen::Matrix2d* T) {
+  Eigen::MatrixXd result = factor * block;
+  for (Eigen::Index i = 0; T != nullptr && i + 1 < result.rows(); i += 2) {
+    result.middleRows(i, 2) = (*T * result.middleRows(i, 2)).eval();
+  }
+  return result;
+}
+
+}  // namespace
+
+SparseMatrix stacked_operator(const std::vector<Term>& terms) {
+  std::vector<Eigen::Triplet<double, Index>> triplets;
+  const Index rows = for_each_stacked_block(
+      terms, [&](const Form& form, Index site, Index base, double factor, const Eigen::Matrix2d* T) {
+        const Eigen::MatrixXd E = stacked_block(form.block(site), factor, T);
+        const int u = form.unknowns();
+        for (int k = 0; k < E.cols(); ++k) {
+          for (int i = 0; i < form.residuals(); ++i) {
+            triplets.emplace_back(base + i, form.node(site, k / u) * u + k % u, E(i, k));
+          }
+        }
+      });
+  SparseMatrix result(rows, terms.front().form.unknown_count());
+  result.setFromTriplets(triplets.begin(), triplets.end());
+  return result;
+}
+
+Eigen::MatrixXd stacked_targets(const std::vector<Term>& terms) {
+  Index rows = 0;
+  for (const Term& term : terms) rows += static_cast<Index>(term.norm->root().rows()) * term.form.residuals();
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(rows, terms.front().form.columns());
+  for_each_stacked_block(terms, [&](const Form& form, Index site, Index base, double factor, const Eigen::Matrix2d* T) {
+    result.middleRows(base, form.residuals()) += stacked_block(form.target(site), factor, T);
+  });
+  return result;
 }
 
 }  // namespace variform

@@ -93,10 +93,7 @@ class Assembly {
 
 /// The stacked least-squares form of a sum of terms: S E (tall, all entries) and S c with S'S = W, so that
 /// sum ||E u - c||^2_W = |S E u - S c|^2. For backends that avoid the normal equations.
-struct StackedForm {
-  SparseMatrix matrix;
-  Eigen::MatrixXd right_hand_side;
-};
-StackedForm stack(const std::vector<Term>& terms);
+SparseMatrix stacked_operator(const std::vector<Term>& terms);
+Eigen::MatrixXd stacked_targets(const std::vector<Term>& terms);
 
 }  // namespace variform

@@ -102,6 +102,7 @@ void Problem::ensure_matrix() {
   assembly_->refill(terms_);
   default_soft_weight_ = reduction_->refill(assembly_->matrix(), constraints_);
   matrix_stale_ = false;
+  stacked_operator_.resize(0, 0);
   factorized_in_ = nullptr;
   times_.refill += watch.seconds();
 }
@@ -129,34 +130,38 @@ Matrix Problem::solve(LinearBackend& backend) {
   if (least_squares && reduction_->indefinite()) {
     throw UsageError("linear equality constraints need a backend for indefinite systems, not a least-squares one");
   }
-  StackedForm stacked;
+  const bool factorize = factorized_in_ != &backend || factorization_ != backend.report().factorizations;
+  const Eigen::Index columns = traits_.columns;
+  SparseMatrix stacked;
+  Eigen::MatrixXd right_hand_side;
   if (least_squares) {
     // min |S E (Z y + x_fixed) - S c|, soft constraints as further rows.
     const Stopwatch watch;
-    const StackedForm full = stack(terms_);
-    const Eigen::Index columns = full.right_hand_side.cols();
-    const auto rows = static_cast<Index>(full.matrix.rows());
+    if (stacked_operator_.rows() == 0) stacked_operator_ = stacked_operator(terms_);
+    const auto rows = static_cast<Index>(stacked_operator_.rows());
     const Index soft_rows = reduction_->soft_row_count(constraints_);
-    const SparseMatrix reduced = full.matrix * reduction_->elimination();
+    right_hand_side = Eigen::MatrixXd::Zero(rows + soft_rows, columns);
+    right_hand_side.topRows(rows) =
+        stacked_targets(terms_) - stacked_operator_ * Eigen::MatrixXd(reduction_->fixed_part(constraints_, columns));
     std::vector<Eigen::Triplet<double, Index>> triplets;
-    triplets.reserve(static_cast<std::size_t>(reduced.nonZeros()));
-    for (Index j = 0; j < reduced.outerSize(); ++j) {
-      for (SparseMatrix::InnerIterator it(reduced, j); it; ++it) {
-        triplets.emplace_back(static_cast<Index>(it.row()), j, it.value());
+    reduction_->append_soft_rows(constraints_, triplets, right_hand_side, rows);
+    if (factorize) {
+      const SparseMatrix reduced = stacked_operator_ * reduction_->elimination();
+      triplets.reserve(triplets.size() + static_cast<std::size_t>(reduced.nonZeros()));
+      for (Index j = 0; j < reduced.outerSize(); ++j) {
+        for (SparseMatrix::InnerIterator it(reduced, j); it; ++it) {
+          triplets.emplace_back(static_cast<Index>(it.row()), j, it.value());
+        }
       }
+      stacked.resize(rows + soft_rows, reduced.cols());
+      stacked.setFromTriplets(triplets.begin(), triplets.end());
     }
-    stacked.right_hand_side = Eigen::MatrixXd::Zero(rows + soft_rows, columns);
-    stacked.right_hand_side.topRows(rows) =
-        full.right_hand_side - full.matrix * Eigen::MatrixXd(reduction_->fixed_part(constraints_, columns));
-    reduction_->append_soft_rows(constraints_, triplets, stacked.right_hand_side, rows);
-    stacked.matrix.resize(rows + soft_rows, reduced.cols());
-    stacked.matrix.setFromTriplets(triplets.begin(), triplets.end());
     times_.refill += watch.seconds();
   }
-  if (factorized_in_ != &backend || factorization_ != backend.report().factorizations) {
+  if (factorize) {
     const int analyses = backend.report().analyses;
     if (least_squares) {
-      backend.factorize(stacked.matrix, MatrixKind::least_squares);
+      backend.factorize(stacked, MatrixKind::least_squares);
     } else {
       // A general LU solves definite systems too.
       const bool definite = !reduction_->indefinite() && backend.capabilities().spd;
@@ -168,10 +173,10 @@ Matrix Problem::solve(LinearBackend& backend) {
     factorization_ = backend.report().factorizations;
   }
   const Stopwatch watch;
-  const Eigen::Index columns = traits_.columns;
-  const Eigen::MatrixXd Y = backend.solve(
-      least_squares ? stacked.right_hand_side
-                    : reduction_->right_hand_side(assembly_->matrix(), normal_right_hand_side(), constraints_));
+  if (!least_squares) {
+    right_hand_side = reduction_->right_hand_side(assembly_->matrix(), normal_right_hand_side(), constraints_);
+  }
+  const Eigen::MatrixXd Y = backend.solve(right_hand_side);
   const Matrix X = reduction_->expand(Y, constraints_, columns);
   times_.solve += watch.seconds();
   return as_vertex_values(X, terms_.front().form);

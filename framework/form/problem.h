@@ -88,6 +88,7 @@ class Problem {
   std::unique_ptr<Assembly> assembly_;
   std::unique_ptr<Reduction> reduction_;
   bool matrix_stale_ = true;
+  SparseMatrix stacked_operator_;  // for least-squares backends; empty: stale or never asked for
   bool targets_stale_ = true;
   Matrix target_state_;  // that c is declared for; empty: none
   Index undefined_targets_ = 0;

@@ -74,18 +74,18 @@ void check_normal_equations(Problem& problem) {
 
 void check_stacked_form(Problem& problem, const Domain& domain) {
   const int d = problem.traits().dimension();
-  const StackedForm stacked = stack(problem.terms());
-  const Eigen::MatrixXd S_E = stacked.matrix;
+  const Eigen::MatrixXd S_E = stacked_operator(problem.terms());
+  const Eigen::MatrixXd S_c = stacked_targets(problem.terms());
   const Eigen::MatrixXd H = dense_symmetric(problem.normal_matrix());
   const double scale = H.cwiseAbs().maxCoeff();
   EXPECT_LT((S_E.transpose() * S_E - H).cwiseAbs().maxCoeff(), 1e-12 * scale);
-  EXPECT_LT((S_E.transpose() * stacked.right_hand_side - problem.normal_right_hand_side()).cwiseAbs().maxCoeff(),
+  EXPECT_LT((S_E.transpose() * S_c - problem.normal_right_hand_side()).cwiseAbs().maxCoeff(),
             1e-12 * std::max(1.0, scale));
   for (int sample = 0; sample < 3; ++sample) {
     const Matrix U = rest_values(domain, d) + Matrix::Random(domain.vertex_count(), d);
     const Matrix X = as_unknowns(U, problem.terms().front().form);
     const double total = problem.value(U).total;
-    EXPECT_NEAR((S_E * X - stacked.right_hand_side).squaredNorm(), total, 1e-12 * total);
+    EXPECT_NEAR((S_E * X - S_c).squaredNorm(), total, 1e-12 * total);
   }
 }
 

@@ -71,6 +71,26 @@ TEST_F(ConstraintTest, SoftOnesApproachTheirTargetLikeOneOverTheWeight) {
   }
 }
 
+#ifdef VARIFORM_TEST_SUITESPARSE
+// The least-squares path alternates as the normal equations do, with one factorization.
+TEST_F(ConstraintTest, StackedAlternationAgreesWithNormalEquations) {
+  Constraints constraints = pinned_;
+  constraints.fix(30, domain_.positions().row(30) + Eigen::RowVector2d(0.3, 0.2));
+  constraints.attract(20, domain_.positions().row(20) + Eigen::RowVector2d(0.1, -0.1), 0.5);
+  const auto energy = make("arap");
+  Matrix results[2];
+  for (int k = 0; k < 2; ++k) {
+    Problem problem(domain_, *energy, {.beta = 0.3}, constraints);
+    const auto linear = make_linear_backend(k == 0 ? "eigen.ldlt" : "spqr");
+    ProblemObjective objective(problem, *linear);
+    results[k] = domain_.positions();
+    for (int iteration = 0; iteration < 10; ++iteration) results[k] = objective.local_global_step(results[k]);
+    EXPECT_EQ(linear->report().factorizations, 1);
+  }
+  EXPECT_LT((results[0] - results[1]).cwiseAbs().maxCoeff(), 1e-11);
+}
+#endif
+
 TEST_F(ConstraintTest, IdentifiedVerticesMoveAsOneAndTheRestIsOptimal) {
   Constraints constraints = pinned_;
   constraints.identify(10, 20);
