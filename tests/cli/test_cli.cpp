@@ -396,8 +396,9 @@ TEST_F(Cli, AValueGivenByHandIsNotSwept) {
   write("study.toml", kStudy + "[sweep]\n\"norm.beta\" = [0, 0.2]\n\"energy.type\" = [\"asap\", \"larap\"]\n");
   for (const std::string value : {"norm.beta=0.5", " norm.beta = 0.5 ", "norm={ beta = 0.5 }"}) {
     ASSERT_EQ(run_study({"--set", value}).code, 0);
-    ASSERT_EQ(record()["rows"].size(), 2U) << value;
-    for (const auto& row : record()["rows"]) EXPECT_EQ(row["beta"], 0.5) << value;
+    const nlohmann::json written = record();
+    ASSERT_EQ(written["rows"].size(), 2U) << value;
+    for (const auto& row : written["rows"]) EXPECT_EQ(row["beta"], 0.5) << value;
   }
 }
 
