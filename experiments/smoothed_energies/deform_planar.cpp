@@ -171,7 +171,7 @@ PointResult run(const Config& config) {
   PointResult result;
   result.warnings = loaded.warnings;
   if (domain.facet_count() == 0 && norm.beta > 0.0)
-    result.warnings.push_back("the mesh has no interior facets: beta has no effect");
+    result.warnings.emplace_back("the mesh has no interior facets: beta has no effect");
   Problem problem(domain, *energy, norm, constraints.constraints);
   Matrix U = domain.positions();
   Index kept_targets = 0;

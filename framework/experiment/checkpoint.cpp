@@ -54,7 +54,7 @@ Json dense(const M& matrix) {
 template <class M>
 M dense(const Json& json) {
   M matrix(json.at("rows").get<Index>(), json.at("columns").get<Index>());
-  const auto values = json.at("values");
+  const auto& values = json.at("values");
   if (static_cast<Eigen::Index>(values.size()) != matrix.size()) throw Json::other_error::create(501, "size", nullptr);
   for (Eigen::Index i = 0; i < matrix.size(); ++i) {
     if constexpr (std::is_same_v<typename M::Scalar, double>)

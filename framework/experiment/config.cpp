@@ -386,7 +386,7 @@ std::string Config::set(const std::string& assignment) {
     const std::size_t last = text.find_last_not_of(" \t");
     return first == std::string::npos ? std::string() : text.substr(first, last - first + 1);
   };
-  const std::string path = trimmed(assignment.substr(0, equals));
+  std::string path = trimmed(assignment.substr(0, equals));
   const std::string text = trimmed(assignment.substr(equals + 1));
   ConfigValue value;
   try {

@@ -21,7 +21,7 @@ namespace {
 }
 
 std::vector<double> finite_numbers(const ConfigNode& node) {
-  const std::vector<double> numbers = node.numbers();
+  std::vector<double> numbers = node.numbers();
   if (!std::all_of(numbers.begin(), numbers.end(), [](double x) { return std::isfinite(x); })) {
     node.fail("expected finite numbers");
   }
