@@ -25,8 +25,7 @@ Form CellEnergy::declare(const Domain& domain) const {
   Matrix rest = Matrix::Zero(domain.vertex_count(), d);
   const auto shared = std::min<Eigen::Index>(d, domain.positions().cols());
   rest.leftCols(shared) = domain.positions().leftCols(shared);
-  parallel_for(domain.cell_count(),
-               [&](Index cell_index) { target(domain, cell_index, rest, form.target(cell_index)); });
+  refresh_target(domain, rest, form);
   return form;
 }
 
@@ -35,9 +34,37 @@ void CellEnergy::refresh_operator(const Domain& domain, Form& form) const {
 }
 
 Index CellEnergy::refresh_target(const Domain& domain, const Matrix& U, Form& form) const {
-  if (traits(domain).state == StateDependence::none) return 0;
   return static_cast<Index>(parallel_sum(
       domain.cell_count(), [&](Index t) { return target(domain, t, U, form.target(t)) ? 0.0 : 1.0; }, 1024));
+}
+
+ProjectedEnergy::SmallMatrix ProjectedEnergy::value(const Form& form, Index t, const Matrix& U) {
+  const auto E = form.block(t);
+  const int size = form.site_size(t);
+  const int columns = form.columns();
+  const int unknowns = form.unknowns();
+  SmallMatrix Y = SmallMatrix::Zero(form.residuals(), columns);
+  for (int i = 0; i < size; ++i) {
+    const double* u = U.data() + static_cast<std::size_t>(form.node(t, i)) * unknowns * columns;
+    for (int k = 0; k < unknowns; ++k) {
+      for (int j = 0; j < columns; ++j) Y.col(j) += u[k * columns + j] * E.col(i * unknowns + k);
+    }
+  }
+  return Y;
+}
+
+bool ProjectedEnergy::target(const Domain& domain, Index t, const Matrix& U, Eigen::Ref<Eigen::MatrixXd> c) const {
+  const EnergyTraits own = traits(domain);
+  Form form(domain.vertex_count(), domain.cells().row(t), own.residuals, own.unknowns, own.columns);
+  cell(domain, t, form.block(0));
+  return closest_target(domain, t, value(form, 0, U), c, nullptr);
+}
+
+Index ProjectedEnergy::refresh_target(const Domain& domain, const Matrix& U, Form& form) const {
+  return static_cast<Index>(parallel_sum(
+      domain.cell_count(),
+      [&](Index t) { return closest_target(domain, t, value(form, t, U), form.target(t), nullptr) ? 0.0 : 1.0; },
+      1024));
 }
 
 Eigen::MatrixXd kernel_basis(const EnergyTraits& traits, const Domain& domain) {

@@ -63,8 +63,9 @@ class Energy {
   /// New values of E for a domain whose positions moved, in place.
   virtual void refresh_operator(const Domain& domain, Form& form) const = 0;
 
-  /// New values of c for the state U (|V| x d), in place; nothing to do for StateDependence::none. Returns the number
-  /// of sites whose target is undefined at U (a closest rotation of a degenerate cell, say): these keep their last one.
+  /// New values of c for the state U (|V| x d), in place; the same for every U if StateDependence::none. Returns the
+  /// number of sites whose target is undefined at U (a closest rotation of a degenerate cell, say): these keep their
+  /// last one.
   virtual Index refresh_target(const Domain& domain, const Matrix& U, Form& form) const;
 
   /// Cell frames for Gauge::cell_frame, cells x 2p; see cell_norm.
@@ -88,6 +89,26 @@ class CellEnergy : public Energy {
   Form declare(const Domain& domain) const override;
   void refresh_operator(const Domain& domain, Form& form) const override;
   Index refresh_target(const Domain& domain, const Matrix& U, Form& form) const override;
+};
+
+/// Energy whose targets are projections: c_t(u) is the point of a set of admissible targets (rotations, say) that is
+/// closest to Y_t = E_t u_t. Everything that nonlinear backends need follows from this projection and its derivative.
+class ProjectedEnergy : public CellEnergy {
+ public:
+  /// A matrix of at most 9 x 9 with its storage in place: c_t and Y_t have at most 9 components.
+  using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, 9, 9>;
+
+  /// The admissible target closest to Y, both n x columns. Returns false, leaving c as it is, where it is undefined.
+  /// derivative, unless null: d vec c / d vec Y, (n columns) x (n columns), the limit towards a nearby regular point
+  /// where it is undefined.
+  virtual bool closest_target(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
+                              Eigen::Ref<Eigen::MatrixXd> c, SmallMatrix* derivative) const = 0;
+
+  bool target(const Domain& domain, Index t, const Matrix& U, Eigen::Ref<Eigen::MatrixXd> c) const override;
+  Index refresh_target(const Domain& domain, const Matrix& U, Form& form) const override;
+
+  /// Value Y_t = E_t u_t at vertex values U (|V| x d), n x columns.
+  static SmallMatrix value(const Form& form, Index t, const Matrix& U);
 };
 
 /// How an energy is known to configs and to `variform list`.

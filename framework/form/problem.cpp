@@ -20,18 +20,50 @@ Problem::Problem(const Domain& domain, const Energy& energy, const NormOptions& 
         fmt::format("problem: constraints on {} vertices in dimension {}, the energy has {} vertices in {}",
                     constraints_.vertex_count(), constraints_.dimension(), domain.vertex_count(), traits_.dimension()));
   }
+  check_norm();
+  terms_ = declare_terms();
+  times_.declare += watch.seconds();
+}
+
+void Problem::check_norm() const {
   if (!(norm_.beta >= 0.0 && norm_.beta < 1.0)) {
     throw UsageError(fmt::format("norm: beta = {}: expected a value in [0, 1)", norm_.beta));
   }
   // Tikhonov regularization sees everything but constants.
   EnergyTraits seen = traits_;
   if (norm_.regularizer == Regularizer::tikhonov && norm_.beta > 0.0) seen.kernel = Kernel::constants;
-  check_constraint_rank(domain, constraints_, kernel_basis(seen, domain), traits_.unknowns);
+  check_constraint_rank(domain_, constraints_, kernel_basis(seen, domain_), traits_.unknowns);
+}
+
+std::vector<Term> Problem::declare_terms() const {
+  std::vector<Term> terms;
   std::optional<Term> own = own_regularizer();
-  Term term{energy.declare(domain), residual_norm(own.has_value())};
-  if (own) own->norm = scaled_norm(std::move(own->norm), norm_.beta);
-  terms_.push_back(std::move(term));
-  if (own) terms_.push_back(std::move(*own));
+  terms.push_back({energy_.declare(domain_), residual_norm(own.has_value())});
+  if (own) {
+    own->norm = scaled_norm(std::move(own->norm), norm_.beta);
+    terms.push_back(std::move(*own));
+  }
+  return terms;
+}
+
+void Problem::set_beta(double beta) {
+  if (beta == norm_.beta) return;
+  const double before = norm_.beta;
+  norm_.beta = beta;
+  try {
+    check_norm();
+  } catch (...) {
+    norm_.beta = before;
+    throw;
+  }
+  const Stopwatch watch;
+  terms_.front().norm = residual_norm(terms_.size() > 1);
+  if (terms_.size() > 1) terms_[1].norm = scaled_norm(std::move(own_regularizer()->norm), beta);
+  if ((beta == 0.0) != (before == 0.0)) {
+    assembly_.reset();
+    reduction_.reset();
+  }
+  matrix_stale_ = targets_stale_ = true;
   times_.declare += watch.seconds();
 }
 
@@ -72,6 +104,7 @@ void Problem::refresh_operator() {
   }
   matrix_stale_ = targets_stale_ = true;
   target_state_.resize(0, 0);
+  half_norm_.reset();
   times_.declare += watch.seconds();
 }
 
@@ -187,6 +220,18 @@ Matrix Problem::residual(const Matrix& U) const {
   return form.residual(as_unknowns(U, form));
 }
 
+const Norm& Problem::half_norm() const {
+  if (!half_norm_) {
+    NormOptions options = norm_;
+    options.beta = 0.5;
+    half_norm_ =
+        traits_.support == Support::vertices
+            ? vertex_norm(domain_, options)
+            : cell_norm(domain_, options, traits_.gauge == Gauge::cell_frame ? energy_.frames(domain_) : Matrix());
+  }
+  return *half_norm_;
+}
+
 EnergyValue Problem::value(const Matrix& U) const {
   EnergyValue value;
   const Matrix R = residual(U);
@@ -201,17 +246,75 @@ EnergyValue Problem::value(const Matrix& U) const {
     value.variation = residual_variation(domain_, norm_.facet_weight, R);
   } else if (norm_.beta > 0.0) {
     value.variation = (value.total - (1.0 - norm_.beta) * value.plain) / norm_.beta;
+  } else {
+    value.variation = 2.0 * half_norm().squared(R) - value.plain;
+  }
+  for (const auto& soft : constraints_.soft()) {
+    const double weight = soft.weight > 0.0 ? soft.weight : default_soft_weight_;
+    value.penalty += weight * (U.row(soft.vertex) - soft.value).squaredNorm();
   }
   return value;
 }
 
+void Problem::couple_targets(const Matrix& U) {
+  const auto* energy = dynamic_cast<const ProjectedEnergy*>(&energy_);
+  if (energy == nullptr) throw UsageError("coupled targets need an energy whose targets are projections");
+  Form& form = terms_.front().form;
+  const Norm& norm = *terms_.front().norm;
+  const int n = form.residuals();
+  const int columns = form.columns();
+  if (target_state_.size() == 0) refresh_target(U);  // there are none yet
+  Matrix R = residual(U);
+  std::vector<std::vector<Index>> links(norm.site_count());
+  for (Index l = 0; l < norm.link_count(); ++l) {
+    for (int side = 0; side < 2; ++side) links[norm.links()(l, side)].push_back(2 * l + side);
+  }
+  // Terms of E that see c_t: W_tt |c_t - Y|^2 with Y = F_t + sum_s W_ts T_ts r_s / W_tt.
+  for (Index t = 0; t < norm.site_count(); ++t) {
+    Eigen::RowVectorXd pull = Eigen::RowVectorXd::Zero(R.cols());
+    for (const Index entry : links[t]) {
+      const Index l = entry / 2;
+      const bool first = entry % 2 == 0;
+      const Eigen::RowVectorXd r = R.row(norm.links()(l, first ? 1 : 0));
+      if (norm.transports().size() == 0) {
+        pull += norm.link_weights()[l] * r;
+        continue;
+      }
+      const double c = norm.transports()(l, 0);
+      const double s = first ? norm.transports()(l, 1) : -norm.transports()(l, 1);
+      for (Eigen::Index i = 0; i + 1 < r.size(); i += 2) {
+        pull[i] += norm.link_weights()[l] * (c * r[i] - s * r[i + 1]);
+        pull[i + 1] += norm.link_weights()[l] * (s * r[i] + c * r[i + 1]);
+      }
+    }
+    const ProjectedEnergy::SmallMatrix F = ProjectedEnergy::value(form, t, U);
+    const Eigen::MatrixXd Y = F + Eigen::Map<const Eigen::MatrixXd>(pull.data(), n, columns) / norm.diagonal()[t];
+    energy->closest_target(domain_, t, Y, form.target(t), nullptr);
+    Eigen::Map<Eigen::MatrixXd>(R.row(t).data(), n, columns) = F - form.target(t);
+  }
+  target_state_ = Matrix::Constant(1, 1, 0.0);  // of no state
+  targets_stale_ = true;
+}
+
 EnergyValue ProblemObjective::value(const Matrix& U) {
+  if (!problem_.constraints().soft().empty()) problem_.reduced_matrix();  // fills in the default weight
   undefined_targets_ += problem_.refresh_target(U);
   return problem_.value(U);
 }
 
 Matrix ProblemObjective::local_global_step(const Matrix& U) {
   problem_.refresh_target(U);
+  return problem_.solve(backend_);
+}
+
+Direction ProblemObjective::gauss_newton(const Matrix& U, double damping) {
+  problem_.refresh_target(U);
+  if (!linearized_) linearized_ = std::make_unique<LinearizedProblem>(problem_);
+  return linearized_->direction(U, damping, backend_);
+}
+
+Matrix ProblemObjective::coupled_step(const Matrix& U) {
+  problem_.couple_targets(U);
   return problem_.solve(backend_);
 }
 

@@ -8,6 +8,7 @@
 #include "framework/form/assembly.h"
 #include "framework/form/constraints.h"
 #include "framework/form/energy.h"
+#include "framework/form/linearized_problem.h"
 #include "framework/form/norm.h"
 #include "framework/solver/linear_backend.h"
 #include "framework/solver/nonlinear_backend.h"
@@ -46,6 +47,13 @@ class Problem {
 
   /// The energy's term first, then its own regularizer if it has one.
   const std::vector<Term>& terms() const { return terms_; }
+  /// The same declared anew.
+  std::vector<Term> declare_terms() const;
+  const Energy& energy() const { return energy_; }
+
+  /// Another weight of the regularization. The pattern and what was analyzed on it are kept, unless beta changes from
+  /// or to 0, where the facets' couplings come or go. Throws as the constructor.
+  void set_beta(double beta);
 
   /// Re-declares E and W after the positions of the domain changed.
   void refresh_operator();
@@ -53,11 +61,15 @@ class Problem {
   /// nothing when c is of this state already.
   Index refresh_target(const Matrix& U);
 
+  /// One sweep over the cells that gives each target the value that minimizes ||E U - c||^2_W with all others held
+  /// (methods: coupled local step, sec. 4.4). Throws UsageError unless the energy is a ProjectedEnergy.
+  void couple_targets(const Matrix& U);
+
   /// Minimizer for the current (E, c): |V| x d. Factorizes when needed; a least-squares backend gets the stacked form.
   /// Throws SolverError as LinearBackend does.
   Matrix solve(LinearBackend& backend);
 
-  /// E, E_P and E_R at U with the current targets.
+  /// E, E_P, E_R and the penalty of soft constraints at U with the current targets.
   EnergyValue value(const Matrix& U) const;
   /// r(U) with the current targets, sites x (n columns).
   Matrix residual(const Matrix& U) const;
@@ -67,7 +79,7 @@ class Problem {
   const Matrix& normal_right_hand_side();
   /// The matrix that is factorized.
   const SparseMatrix& reduced_matrix();
-  /// The soft-constraint weight used where none was given.
+  /// The soft-constraint weight used where none was given; 0 before the matrix was filled.
   double default_soft_weight() const { return default_soft_weight_; }
 
   const ProblemTimes& times() const { return times_; }
@@ -76,6 +88,8 @@ class Problem {
   // The norm of the energy's term: W_n, or (1-beta) times the plain one when another term is blended in.
   std::unique_ptr<Norm> residual_norm(bool blended) const;
   std::optional<Term> own_regularizer() const;
+  void check_norm() const;
+  const Norm& half_norm() const;  // tells E_R where beta = 0 leaves it out
   void ensure_pattern();
   void ensure_matrix();
 
@@ -95,6 +109,7 @@ class Problem {
   const LinearBackend* factorized_in_ = nullptr;
   int factorization_ = -1;  // of that backend: another user may have factorized something else since
   double default_soft_weight_ = 0.0;
+  mutable std::unique_ptr<Norm> half_norm_;  // W_n at beta = 1/2, see half_norm()
   ProblemTimes times_;
 };
 
@@ -105,6 +120,9 @@ class ProblemObjective final : public Objective {
 
   EnergyValue value(const Matrix& U) override;
   Matrix local_global_step(const Matrix& U) override;
+  Direction gauss_newton(const Matrix& U, double damping) override;
+  Matrix coupled_step(const Matrix& U) override;
+  EnergyValue value_at_targets(const Matrix& U) override { return problem_.value(U); }
   double length_scale() const override { return problem_.domain().diameter(); }
 
   /// Sites that kept their target, summed over the states that value() was asked for.
@@ -113,6 +131,7 @@ class ProblemObjective final : public Objective {
  private:
   Problem& problem_;
   LinearBackend& backend_;
+  std::unique_ptr<LinearizedProblem> linearized_;  // made when first asked for
   Index undefined_targets_ = 0;
 };
 

@@ -10,14 +10,32 @@
 
 namespace variform {
 
+Direction Objective::gauss_newton(const Matrix&, double) {
+  throw UsageError("this objective has no linearized residual for Gauss-Newton steps");
+}
+
+Matrix Objective::coupled_step(const Matrix&) { throw UsageError("this objective has no targets to alternate with"); }
+
+EnergyValue Objective::value_at_targets(const Matrix&) {
+  throw UsageError("this objective has no targets to alternate with");
+}
+
+void NonlinearBackend::stop(bool converged, std::string reason) {
+  stopped_ = true;
+  report_.converged = converged;
+  report_.reason = std::move(reason);
+}
+
 Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const NonlinearOptions& options,
                                   const Observer& observer) {
   const Stopwatch watch;
   const std::string name = report_.backend;
   report_ = {};
   report_.backend = name;
+  stopped_ = false;
+  start();
   Matrix U = U0;
-  report_.history.push_back({0, objective.value(U), 0.0, watch.seconds()});
+  report_.history.push_back({0, value(objective, U), 0.0, watch.seconds()});
   while (report_.iterations < options.max_iterations) {
     const Matrix next = step(objective, U);
     if (!next.allFinite()) {
@@ -27,12 +45,13 @@ Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const 
     const double change = (next - U).cwiseAbs().maxCoeff() / objective.length_scale();
     U = next;
     ++report_.iterations;
-    report_.history.push_back({report_.iterations, objective.value(U), change, watch.seconds()});
+    report_.history.push_back({report_.iterations, value(objective, U), change, watch.seconds()});
     if (!std::isfinite(report_.history.back().energy.total)) {
       throw SolverError(
           fmt::format("nonlinear backend '{}': the energy is not finite after iteration {}", name, report_.iterations));
     }
     const bool go_on = !observer || observer(report_.history.back());
+    if (stopped_) break;
     if (change <= options.tolerance) {
       report_.converged = true;
       report_.reason = fmt::format("step {:.3g} at most tolerance {:.3g}", change, options.tolerance);

@@ -15,6 +15,17 @@ struct EnergyValue {
   double total = 0.0;      ///< E = ||r||^2_W
   double plain = 0.0;      ///< E_P, the energy without regularization
   double variation = 0.0;  ///< E_R, what beta weighs
+  double penalty = 0.0;    ///< of soft constraints, sum of weight |u - value|^2
+
+  /// What is minimized.
+  double objective() const { return total + penalty; }
+};
+
+/// Where a linearization of the residual sends a state.
+struct Direction {
+  Matrix step;            ///< |V| x d, zero at hard constraints
+  double slope = 0.0;     ///< derivative of the objective along the step
+  double gradient = 0.0;  ///< largest entry of its gradient at the unknowns that are free
 };
 
 /// What a nonlinear backend minimizes over U (|V| x d). Backends ask for what they need; an objective that does not
@@ -27,6 +38,16 @@ class Objective {
 
   /// One alternation from U: targets c(U), then the exact minimizer for these targets (constraints satisfied).
   virtual Matrix local_global_step(const Matrix& U) = 0;
+
+  /// Gauss-Newton direction at U, which satisfies the hard constraints: minimizes ||J d + r||^2_W + damping |d|^2, with
+  /// J = dr/du there and damping in units of the mean diagonal entry of J'WJ.
+  virtual Direction gauss_newton(const Matrix& U, double damping);
+
+  /// Alternation on one functional of states and targets, E(U, c) = ||E U - c||^2_W: one sweep over the targets, each
+  /// exactly minimal with all others held, then the minimizer over U. Starts from the targets that are current.
+  virtual Matrix coupled_step(const Matrix& U);
+  /// E(U, c) for the current targets, while value() takes those that belong to U.
+  virtual EnergyValue value_at_targets(const Matrix& U);
 
   /// Length that step sizes are measured in, the diameter of the domain.
   virtual double length_scale() const = 0;
@@ -72,10 +93,24 @@ class NonlinearBackend {
  protected:
   explicit NonlinearBackend(std::string name) { report_.backend = std::move(name); }
 
-  /// Next state. Whether to stop there is decided by minimize(), by the same rules for all backends.
+  /// Next state. Whether to stop there is decided by minimize(), by the same rules for all backends; a step that knows
+  /// the run to be over says so by stop().
   virtual Matrix step(Objective& objective, const Matrix& U) = 0;
 
+  /// The value that goes into the history.
+  virtual EnergyValue value(Objective& objective, const Matrix& U) { return objective.value(U); }
+
+  /// Called before the first step.
+  virtual void start() {}
+
+  /// Ends the run after this step: whether that counts as convergence, and the rule with its numbers.
+  void stop(bool converged, std::string reason);
+
+  /// The last row of the history: the state that step() starts from.
+  const NonlinearStep& last() const { return report_.history.back(); }
+
  private:
+  bool stopped_ = false;
   NonlinearReport report_;
 };
 

@@ -2,7 +2,10 @@
 #include "solvers/nonlinear/nonlinear_backends.h"
 
 // One line per backend; solvers/nonlinear/<name>.cpp defines NonlinearBackendEntry describe_<name>().
-#define VARIFORM_NONLINEAR_BACKENDS(X) X(local_global)
+#define VARIFORM_NONLINEAR_BACKENDS(X) \
+  X(local_global)                      \
+  X(gauss_newton)                      \
+  X(coupled)
 
 namespace variform {
 
@@ -21,6 +24,10 @@ const Registry<NonlinearBackendEntry>& nonlinear_backends() {
 std::unique_ptr<NonlinearBackend> make_nonlinear_backend(const std::string& name) {
   const NonlinearBackendEntry& entry = nonlinear_backends().find(name);
   return entry.make(Parameters(entry.parameters));
+}
+
+std::unique_ptr<NonlinearBackend> make_nonlinear_backend(const std::string& name, const Parameters& parameters) {
+  return nonlinear_backends().find(name).make(parameters);
 }
 
 }  // namespace variform

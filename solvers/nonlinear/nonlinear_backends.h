@@ -25,5 +25,7 @@ const Registry<NonlinearBackendEntry>& nonlinear_backends();
 
 /// Makes a backend by name with default parameters. Throws UsageError for unknown names.
 std::unique_ptr<NonlinearBackend> make_nonlinear_backend(const std::string& name);
+/// With the parameters that its entry declares.
+std::unique_ptr<NonlinearBackend> make_nonlinear_backend(const std::string& name, const Parameters& parameters);
 
 }  // namespace variform

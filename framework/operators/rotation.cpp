@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/operators/rotation.h"
+
+#include <Eigen/Dense>
+
+#include <algorithm>
+#include <cmath>
+
+namespace variform {
+namespace {
+
+constexpr double kNotUnique = 1e-14;
+constexpr double kClamp = 1e-6;
+
+// The axial vector of a skew matrix A = [a]x.
+Eigen::Vector3d axial(const Eigen::Matrix3d& A) { return {A(2, 1), A(0, 2), A(1, 0)}; }
+
+Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& a) {
+  Eigen::Matrix3d A;
+  A << 0.0, -a[2], a[1], a[2], 0.0, -a[0], -a[1], a[0], 0.0;
+  return A;
+}
+
+}  // namespace
+
+bool closest_rotation(const Eigen::Matrix2d& F, Eigen::Matrix2d& R, Eigen::Matrix4d* derivative) {
+  if (derivative != nullptr) derivative->setZero();
+  const double p = F(0, 0) + F(1, 1);
+  const double q = F(0, 1) - F(1, 0);
+  const double size = F.norm();
+  const double length = std::hypot(p, q);
+  if (!(length > kNotUnique * size)) return false;
+  const double c = p / length;
+  const double s = q / length;
+  R << c, s, -s, c;
+  if (derivative != nullptr) {
+    // R turns by the angle alpha = atan2(q, p); rank one: (dR/dalpha) (dalpha/dF)'.
+    const Eigen::Vector4d turn(-s, -c, c, -s);
+    const Eigen::Vector4d rate(-s, -c, c, -s);
+    *derivative = turn * rate.transpose() / std::max(length, kClamp * size);
+  }
+  return true;
+}
+
+bool closest_rotation(const Eigen::Matrix3d& F, Eigen::Matrix3d& R, Matrix99* derivative) {
+  if (derivative != nullptr) derivative->setZero();
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Vector3d sigma = svd.singularValues();
+  Eigen::Matrix3d S = svd.matrixU();
+  if ((S * svd.matrixV().transpose()).determinant() < 0.0) {
+    S.col(2) = -S.col(2);
+    sigma[2] = -sigma[2];
+  }
+  if (!(sigma[1] + sigma[2] > kNotUnique * sigma[0])) return false;
+  const Eigen::Matrix3d& V = svd.matrixV();
+  R = S * V.transpose();
+  if (derivative != nullptr) {
+    // With F = R Y: dR = R [w]x, (tr(Y) I - Y) w = axial(R' dF - dF' R).
+    Eigen::Vector3d inverse;
+    for (int k = 0; k < 3; ++k) {
+      inverse[k] = 1.0 / std::max(sigma[(k + 1) % 3] + sigma[(k + 2) % 3], kClamp * sigma[0]);
+    }
+    const Eigen::Matrix3d solve = V * inverse.asDiagonal() * V.transpose();
+    for (int j = 0; j < 3; ++j) {
+      for (int i = 0; i < 3; ++i) {
+        Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
+        A.col(j) = R.row(i).transpose();  // R' dF for the unit matrix dF = e_i e_j'
+        const Eigen::Matrix3d dR = R * cross_matrix(solve * axial(A - A.transpose()));
+        derivative->col(3 * j + i) = Eigen::Map<const Eigen::Matrix<double, 9, 1>>(dR.data());
+      }
+    }
+  }
+  return true;
+}
+
+bool closest_orthonormal_rows(const Matrix23& F, Matrix23& R, Matrix66* derivative) {
+  if (derivative != nullptr) derivative->setZero();
+  // The root of a symmetric 2 x 2 matrix: sqrt(S) = (S + sqrt(det S) I) / sqrt(tr S + 2 sqrt(det S)). The determinant
+  // through the cross product of the rows: no cancellation.
+  const Eigen::Matrix2d S = F * F.transpose();
+  const Eigen::Vector3d first = F.row(0).transpose();
+  const Eigen::Vector3d second = F.row(1).transpose();
+  const double delta = first.cross(second).norm();
+  const double trace = S.trace();
+  if (!(delta > kNotUnique * trace)) return false;
+  const double scale = std::sqrt(trace + 2.0 * delta);
+  const Eigen::Matrix2d P = (S + delta * Eigen::Matrix2d::Identity()) / scale;
+  const double determinant = delta;  // det P
+  Eigen::Matrix2d adjugate;
+  adjugate << P(1, 1), -P(0, 1), -P(1, 0), P(0, 0);
+  R = adjugate * F / determinant;
+  if (derivative != nullptr) {
+    // With F = P R: dR = w [0 -1; 1 0] R + P^-1 dF (I - R'R), tr(P) w = (dF R')_21 - (dF R')_12.
+    const double largest = P.trace();
+    const Eigen::Matrix2d inverse = adjugate / std::max(determinant, kClamp * largest * largest);
+    const Eigen::Matrix3d normal = Eigen::Matrix3d::Identity() - R.transpose() * R;
+    Matrix23 turned;
+    turned.row(0) = -R.row(1);
+    turned.row(1) = R.row(0);
+    for (int j = 0; j < 3; ++j) {
+      for (int i = 0; i < 2; ++i) {
+        const double w = (i == 1 ? R(0, j) : -R(1, j)) / largest;
+        const Matrix23 dR = w * turned + inverse.col(i) * normal.row(j);
+        derivative->col(2 * j + i) = Eigen::Map<const Eigen::Matrix<double, 6, 1>>(dR.data());
+      }
+    }
+  }
+  return true;
+}
+
+}  // namespace variform
