@@ -8,7 +8,7 @@ packages=(
   g++ cmake ninja-build ccache pkg-config
   libeigen3-dev libopenblas-dev libtbb-dev libfmt-dev
   libtomlplusplus-dev libcli11-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
-  libcairo2-dev fonts-dejavu-core gnuplot-nox
+  libcairo2-dev fonts-dejavu-core gnuplot-nox libjs-three
   libgtest-dev libgmock-dev libbenchmark-dev
 )
 [ "${VARIFORM_EIGEN_ONLY:-0}" = 1 ] || packages+=(libsuitesparse-dev)

@@ -263,13 +263,15 @@ PointResult run(const Config& config) {
   displacement.leftCols(2) = U - domain.positions();
   result.fields.push_back({"displacement", MeshField::On::vertices, loaded.values_as_input(displacement)});
   MeshFigure figure;
+  figure.name = "deformed";
+  figure.caption = "Deformed mesh, cells coloured by their energy |r|².";
   figure.mesh = {U, domain.cells()};
   figure.cell_values = local;
   figure.fixed_vertices = constraints.fixed;
   figure.moved_vertices = constraints.moved;
   figure.soft_vertices = constraints.soft;
   figure.flipped_cells = errors.flipped;
-  result.figure = figure;
+  result.figures = {figure};
   result.probes = probe(domain, U, lattice);
   result.probe_scale = domain.diameter();
   return result;
@@ -323,6 +325,7 @@ PipelineEntry describe_deform_planar() {
                   {{"seconds_total", "total", "s", 3}, "wall time of the point"},
                   {{"map_difference"},
                    "with [compare]: largest distance of probe images from the reference, by the diameter"}},
+      .figures = {"deformed"},
       .run = run,
       .inputs = inputs,
       .check = check};

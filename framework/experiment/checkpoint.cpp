@@ -86,27 +86,109 @@ Value value_from(const Json& json) {
   return json.get<std::string>();
 }
 
+// Entries as an array: keys keep their order.
+Json row_json(const Row& row) {
+  Json json = Json::array();
+  for (const auto& [key, value] : row.entries()) json.push_back({key, value_json(value)});
+  return json;
+}
+
+Row row_from(const Json& json) {
+  Row row;
+  for (const Json& entry : json) row.set(entry.at(0).get<std::string>(), value_from(entry.at(1)));
+  return row;
+}
+
+Json figure_json(const MeshFigure& figure) {
+  return {{"name", figure.name},
+          {"title", figure.title},
+          {"caption", figure.caption},
+          {"positions", dense(figure.mesh.positions)},
+          {"cells", dense(figure.mesh.cells)},
+          {"values", numbers(figure.cell_values)},
+          {"scale",
+           {{"low", number(figure.scale.low)},
+            {"high", number(figure.scale.high)},
+            {"logarithmic", figure.scale.logarithmic},
+            {"label", figure.scale.label}}},
+          {"uv", dense(figure.uv)},
+          {"uv_cells", dense(figure.uv_cells)},
+          {"check_size", number(figure.check_size)},
+          {"fixed", figure.fixed_vertices},
+          {"moved", figure.moved_vertices},
+          {"soft", figure.soft_vertices},
+          {"flipped", figure.flipped_cells},
+          {"edges", figure.edges}};
+}
+
+MeshFigure figure_from(const Json& from) {
+  MeshFigure figure;
+  figure.name = from.at("name").get<std::string>();
+  figure.title = from.at("title").get<std::string>();
+  figure.caption = from.at("caption").get<std::string>();
+  figure.mesh = {dense<Matrix>(from.at("positions")), dense<IndexMatrix>(from.at("cells"))};
+  const std::vector<double> values = numbers(from.at("values"));
+  figure.cell_values = Eigen::Map<const Vector>(values.data(), static_cast<Eigen::Index>(values.size()));
+  const Json& scale = from.at("scale");
+  figure.scale = {.low = number(scale.at("low")),
+                  .high = number(scale.at("high")),
+                  .logarithmic = scale.at("logarithmic").get<bool>(),
+                  .label = scale.at("label").get<std::string>()};
+  figure.uv = dense<Matrix>(from.at("uv"));
+  figure.uv_cells = dense<IndexMatrix>(from.at("uv_cells"));
+  figure.check_size = number(from.at("check_size"));
+  figure.fixed_vertices = from.at("fixed").get<std::vector<Index>>();
+  figure.moved_vertices = from.at("moved").get<std::vector<Index>>();
+  figure.soft_vertices = from.at("soft").get<std::vector<Index>>();
+  figure.flipped_cells = from.at("flipped").get<std::vector<Index>>();
+  figure.edges = from.at("edges").get<bool>();
+  return figure;
+}
+
+Json trials_json(const Trials& trials) {
+  Json rows = Json::array();
+  for (const Row& row : trials.rows) rows.push_back(row_json(row));
+  return {{"key", trials.key},
+          {"aim", trials.aim},
+          {"metrics", trials.metrics},
+          {"against", trials.against},
+          {"rows", rows},
+          {"found", trials.found},
+          {"value", number(trials.value)},
+          {"low", number(trials.low)},
+          {"high", number(trials.high)},
+          {"remarks", trials.remarks}};
+}
+
+Trials trials_from(const Json& from) {
+  Trials trials;
+  trials.key = from.at("key").get<std::string>();
+  trials.aim = from.at("aim").get<std::string>();
+  trials.metrics = from.at("metrics").get<std::vector<std::string>>();
+  trials.against = from.at("against").get<std::string>();
+  for (const Json& row : from.at("rows")) trials.rows.push_back(row_from(row));
+  trials.found = from.at("found").get<bool>();
+  trials.value = number(from.at("value"));
+  trials.low = number(from.at("low"));
+  trials.high = number(from.at("high"));
+  trials.remarks = from.at("remarks").get<std::vector<std::string>>();
+  return trials;
+}
+
 }  // namespace
 
 void save_point(const std::filesystem::path& file, const std::string& config_text, const PointResult& result) {
   Json json;
   json["config"] = config_text;
-  json["metrics"] = Json::array();
-  for (const auto& [key, value] : result.metrics.entries()) json["metrics"].push_back({key, value_json(value)});
-  if (result.figure) {
-    const MeshFigure& figure = *result.figure;
-    json["figure"] = {{"positions", dense(figure.mesh.positions)},
-                      {"cells", dense(figure.mesh.cells)},
-                      {"values", numbers(figure.cell_values)},
-                      {"fixed", figure.fixed_vertices},
-                      {"moved", figure.moved_vertices},
-                      {"soft", figure.soft_vertices},
-                      {"flipped", figure.flipped_cells}};
-  }
+  json["metrics"] = row_json(result.metrics);
+  json["figures"] = Json::array();
+  for (const MeshFigure& figure : result.figures) json["figures"].push_back(figure_json(figure));
   json["history"] = Json::array();
   for (const Curve& curve : result.history) {
     json["history"].push_back({{"label", curve.label}, {"x", numbers(curve.x)}, {"y", numbers(curve.y)}});
   }
+  json["trials"] = Json::array();
+  for (const Trials& trials : result.trials) json["trials"].push_back(trials_json(trials));
   json["probes"] = dense(result.probes);
   json["probe_scale"] = result.probe_scale;
   json["warnings"] = result.warnings;
@@ -120,21 +202,9 @@ std::optional<PointResult> load_point(const std::filesystem::path& file, const s
     const Json json = Json::parse(stream);
     if (json.at("config").get<std::string>() != config_text) return std::nullopt;
     PointResult result;
-    for (const Json& entry : json.at("metrics")) {
-      result.metrics.set(entry.at(0).get<std::string>(), value_from(entry.at(1)));
-    }
-    if (json.contains("figure")) {
-      const Json& from = json["figure"];
-      MeshFigure figure;
-      figure.mesh = {dense<Matrix>(from.at("positions")), dense<IndexMatrix>(from.at("cells"))};
-      const std::vector<double> values = numbers(from.at("values"));
-      figure.cell_values = Eigen::Map<const Vector>(values.data(), static_cast<Eigen::Index>(values.size()));
-      figure.fixed_vertices = from.at("fixed").get<std::vector<Index>>();
-      figure.moved_vertices = from.at("moved").get<std::vector<Index>>();
-      figure.soft_vertices = from.at("soft").get<std::vector<Index>>();
-      figure.flipped_cells = from.at("flipped").get<std::vector<Index>>();
-      result.figure = std::move(figure);
-    }
+    result.metrics = row_from(json.at("metrics"));
+    for (const Json& figure : json.at("figures")) result.figures.push_back(figure_from(figure));
+    for (const Json& trials : json.at("trials")) result.trials.push_back(trials_from(trials));
     for (const Json& curve : json.at("history")) {
       result.history.push_back({curve.at("label").get<std::string>(), numbers(curve.at("x")), numbers(curve.at("y"))});
     }

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <memory>
 #include <numbers>
@@ -45,6 +46,14 @@ constexpr double kLabelGap = 10.0;
 
 // Cells below this size have no edges: there would be nothing but edges.
 constexpr double kMinCellSize = 2.0;
+
+/// Squares of a checkerboard along the larger extent.
+constexpr double kChecks = 24.0;
+
+constexpr double kEdgeOpacity = 0.45;
+
+/// Room around what is rasterized, for markers at the rim.
+constexpr double kImageMargin = 4.0;
 
 /// Extent that meshes of less are given, so that lengths in pixels stay finite.
 constexpr double kMinExtent = 1e-100;
@@ -106,7 +115,7 @@ struct ContextDeleter {
 struct PatternDeleter {
   void operator()(cairo_pattern_t* pattern) const { cairo_pattern_destroy(pattern); }
 };
-using Surface = std::unique_ptr<cairo_surface_t, SurfaceDeleter>;
+using Picture = std::unique_ptr<cairo_surface_t, SurfaceDeleter>;
 using Pattern = std::unique_ptr<cairo_pattern_t, PatternDeleter>;
 
 /// A Cairo context with what all drawing here needs.
@@ -166,10 +175,20 @@ class Canvas {
 
 struct Panel {
   const MeshFigure* figure;
-  Box bounds;                           ///< of the vertices, in units of the mesh
+  std::optional<View> view = {};        ///< for what is rasterized
+  Surface surface = {};                 ///< the triangles that are drawn
+  std::vector<Eigen::Vector3d> seen;    ///< vertices in the view, in units of the mesh; x and y of planar meshes
+  Box bounds = {};                      ///< of them
   std::vector<std::string> title = {};  ///< lines
   Point title_bottom = Point::Zero();   ///< base line of the last line, at its middle
+  Point middle = Point::Zero();         ///< in pixels, where the middle of the bounds goes
   std::vector<Point> points = {};       ///< of the vertices, in pixels
+
+  // Of rasterized panels:
+  Point image_corner = Point::Zero();      ///< upper left
+  int image_width = 0;                     ///< in pixels of the PNG
+  std::vector<std::uint32_t> pixels = {};  ///< as Cairo has them
+  std::vector<char> is_hidden = {};        ///< vertices behind something
 };
 
 struct ColourBar {
@@ -184,18 +203,58 @@ struct ColourBar {
 struct Layout {
   double width = 0.0;
   double height = 0.0;
+  double scale = 1.0;  ///< pixels per unit of the meshes
   std::vector<Panel> panels;
   std::optional<ColourBar> bar;
 };
 
-Box bounds_of(const Mesh& mesh) {
-  Box bounds;
+Eigen::Vector3d position_of(const Mesh& mesh, Index vertex) {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+  position.head(mesh.positions.cols()) = mesh.positions.row(vertex).transpose();
+  return position;
+}
+
+Eigen::AlignedBox3d extent_of(const Mesh& mesh) {
+  Eigen::AlignedBox3d box;
   for (Index v = 0; v < mesh.vertex_count(); ++v) {
-    const Point point = mesh.positions.row(v).head<2>();
-    if (point.allFinite()) bounds.extend(point);
+    const Eigen::Vector3d position = position_of(mesh, v);
+    if (position.allFinite()) box.extend(position);
   }
-  if (bounds.isEmpty()) bounds.extend(Point::Zero());
-  return bounds;
+  if (box.isEmpty()) box.extend(Eigen::Vector3d::Zero());
+  return box;
+}
+
+/// The eye of perspective views is this many radii of the largest object away from it.
+constexpr double kEyeDistance = 5.0;
+
+std::vector<Panel> panels_of(const std::vector<MeshFigure>& figures, const Camera& camera) {
+  double radius = kMinExtent;
+  for (const MeshFigure& figure : figures) radius = std::max(radius, 0.5 * extent_of(figure.mesh).diagonal().norm());
+  std::vector<Panel> panels;
+  for (const MeshFigure& figure : figures) {
+    Panel panel{.figure = &figure, .seen = {}};
+    const Mesh& mesh = figure.mesh;
+    const Eigen::AlignedBox3d box = extent_of(mesh);
+    if (figure.is_spatial()) {
+      panel.view.emplace(camera, box.center(), kEyeDistance * radius);
+    } else if (figure.uv.size() > 0) {
+      panel.view.emplace(Camera{.direction = {0, 0, 1}, .up = {0, 1, 0}}, box.center(), 1.0);
+    }
+    panel.surface = surface_of(mesh);
+    for (Index v = 0; v < mesh.vertex_count(); ++v) {
+      const Eigen::Vector3d position = position_of(mesh, v);
+      panel.seen.push_back(panel.view ? (*panel.view)(position) : position);
+      if (panel.seen.back().allFinite()) panel.bounds.extend(Point(panel.seen.back().head<2>()));
+    }
+    if (panel.bounds.isEmpty()) panel.bounds.extend(Point::Zero());
+    if (figure.is_spatial()) {
+      const Point centre = panel.bounds.center();
+      const Point half = panel.bounds.sizes() / (2.0 * camera.zoom);
+      panel.bounds = Box(Point(centre - half), Point(centre + half));
+    }
+    panels.push_back(std::move(panel));
+  }
+  return panels;
 }
 
 /// Lines of a title, broken between words where it is wider than allowed.
@@ -271,17 +330,16 @@ ColourBar bar_of(Canvas& canvas, const ColourScale& scale) {
   return bar;
 }
 
-Layout layout_of(Canvas& canvas, const std::vector<MeshFigure>& figures, int columns_wanted) {
+Layout layout_of(Canvas& canvas, const std::vector<MeshFigure>& figures, int columns_wanted, const Camera& camera) {
   Layout layout;
+  layout.panels = panels_of(figures, camera);
   std::vector<Point> sizes;
-  for (const MeshFigure& figure : figures) {
-    layout.panels.push_back({.figure = &figure, .bounds = bounds_of(figure.mesh)});
-    // Meshes without extent are points in a panel of some size.
-    sizes.emplace_back(layout.panels.back().bounds.sizes().cwiseMax(kMinExtent));
-  }
+  // Meshes without extent are points in a panel of some size.
+  for (const Panel& panel : layout.panels) sizes.emplace_back(panel.bounds.sizes().cwiseMax(kMinExtent));
   const std::size_t columns =
       columns_wanted > 0 ? std::min(static_cast<std::size_t>(columns_wanted), figures.size()) : best_columns(sizes);
   const double scale = length_scale(sizes, Grid(sizes, columns));
+  layout.scale = scale;
   for (Point& size : sizes) size *= scale;
   Grid grid(sizes, columns);
 
@@ -311,18 +369,15 @@ Layout layout_of(Canvas& canvas, const std::vector<MeshFigure>& figures, int col
     }
     const Point middle = corner + Point(grid.widths[column] / 2, title_heights[row] + grid.heights[row] / 2);
     panel.title_bottom = Point(middle.x(), corner.y() + title_heights[row] - kTitleGap - (kTitleLine - kTitleSize));
-    const Point centre = panel.bounds.center();
-    for (Index v = 0; v < panel.figure->mesh.vertex_count(); ++v) {
-      const Point offset = scale * (panel.figure->mesh.positions.row(v).head<2>().transpose() - centre);
-      panel.points.emplace_back(middle.x() + offset.x(), middle.y() - offset.y());
-    }
+    panel.middle = middle;
     corner.x() += grid.widths[column] + kGap;
   }
   layout.width = kMargin + grid.width() + kGap * static_cast<double>(grid.widths.size() - 1) + kMargin;
   layout.height = corner.y() + title_heights.back() + grid.heights.back() + kMargin;
 
-  const auto coloured = std::find_if(figures.begin(), figures.end(),
-                                     [](const MeshFigure& figure) { return figure.cell_values.size() > 0; });
+  const auto coloured = std::find_if(figures.begin(), figures.end(), [](const MeshFigure& figure) {
+    return figure.cell_values.size() > 0 && figure.uv.size() == 0;
+  });
   if (coloured == figures.end()) return layout;
   ColourBar bar = bar_of(canvas, coloured->scale);
   canvas.set_font(kLabelSize);
@@ -339,7 +394,7 @@ Layout layout_of(Canvas& canvas, const std::vector<MeshFigure>& figures, int col
   const double shift = (layout.height - 2 * kMargin - content_height) / 2;
   for (Panel& panel : layout.panels) {
     panel.title_bottom.y() += shift;
-    for (Point& point : panel.points) point.y() += shift;
+    panel.middle.y() += shift;
   }
   layout.bar = std::move(bar);
   return layout;
@@ -348,25 +403,33 @@ Layout layout_of(Canvas& canvas, const std::vector<MeshFigure>& figures, int col
 // ---------------------------------------------------------------------------------------------------------------------
 // Drawing
 
-bool is_visible(const Panel& panel, Index cell) {
-  for (const Index v : panel.figure->mesh.cells.row(cell)) {
-    if (!panel.points[static_cast<std::size_t>(v)].allFinite()) return false;
+/// Places the vertices, once the layout is final.
+void place(Layout& layout) {
+  for (Panel& panel : layout.panels) {
+    const Point centre = panel.bounds.center();
+    for (const Eigen::Vector3d& seen : panel.seen) {
+      const Point offset = layout.scale * (seen.head<2>() - centre);
+      panel.points.emplace_back(panel.middle.x() + offset.x(), panel.middle.y() - offset.y());
+    }
   }
-  return true;
 }
 
-const Point& corner_of(const Panel& panel, Index cell, int k) {
-  return panel.points[static_cast<std::size_t>(panel.figure->mesh.cells(cell, k))];
+const Point& corner_of(const Panel& panel, Index triangle, int k) {
+  return panel.points[static_cast<std::size_t>(panel.surface.triangles(triangle, k))];
 }
+
+Index triangle_count(const Panel& panel) { return static_cast<Index>(panel.surface.triangles.rows()); }
+
+Index cell_of(const Panel& panel, Index triangle) { return panel.surface.cells[static_cast<std::size_t>(triangle)]; }
 
 /// Side length of a typical cell in pixels.
 double cell_size(const Panel& panel) {
   std::vector<double> areas;
-  for (Index c = 0; c < panel.figure->mesh.cell_count(); ++c) {
-    if (!is_visible(panel, c)) continue;
-    const Point ab = corner_of(panel, c, 1) - corner_of(panel, c, 0);
-    const Point ac = corner_of(panel, c, 2) - corner_of(panel, c, 0);
-    areas.push_back(std::abs(ab.x() * ac.y() - ab.y() * ac.x()));
+  for (Index t = 0; t < triangle_count(panel); ++t) {
+    const Point ab = corner_of(panel, t, 1) - corner_of(panel, t, 0);
+    const Point ac = corner_of(panel, t, 2) - corner_of(panel, t, 0);
+    const double area = std::abs(ab.x() * ac.y() - ab.y() * ac.x());
+    if (std::isfinite(area)) areas.push_back(area);
   }
   if (areas.empty()) return 0.0;
   const auto middle = areas.begin() + static_cast<std::ptrdiff_t>(areas.size() / 2);
@@ -374,10 +437,18 @@ double cell_size(const Panel& panel) {
   return std::sqrt(*middle);
 }
 
-void add_cell(Canvas& canvas, const Panel& panel, Index cell) {
-  if (!is_visible(panel, cell)) return;
-  canvas.add_triangle(corner_of(panel, cell, 0), corner_of(panel, cell, 1), corner_of(panel, cell, 2));
+void add_triangle(Canvas& canvas, const Panel& panel, Index triangle) {
+  canvas.add_triangle(corner_of(panel, triangle, 0), corner_of(panel, triangle, 1), corner_of(panel, triangle, 2));
 }
+
+std::vector<char> flags(const std::vector<Index>& chosen, Index count) {
+  std::vector<char> is_chosen(static_cast<std::size_t>(count), 0);
+  for (const Index i : chosen) is_chosen[static_cast<std::size_t>(i)] = 1;
+  return is_chosen;
+}
+
+double edge_width(double size) { return std::clamp(0.04 * size, 0.1, 0.6); }
+double flipped_width(double size) { return std::clamp(0.15 * size, 1.0, 2.0); }
 
 int colour_index(const Panel& panel, const ColourScale* scale, Index cell) {
   if (scale == nullptr || panel.figure->cell_values.size() == 0) return kPlainColour;
@@ -393,13 +464,13 @@ Colour indexed_colour(int index) {
 
 void draw_cells(Canvas& canvas, const Panel& panel, const ColourScale* scale) {
   std::array<std::vector<Index>, kPlainColour + 1> groups;
-  for (Index c = 0; c < panel.figure->mesh.cell_count(); ++c) {
-    groups[static_cast<std::size_t>(colour_index(panel, scale, c))].push_back(c);
+  for (Index t = 0; t < triangle_count(panel); ++t) {
+    groups[static_cast<std::size_t>(colour_index(panel, scale, cell_of(panel, t)))].push_back(t);
   }
   for (std::size_t i = 0; i < groups.size(); ++i) {
     if (groups[i].empty()) continue;
     canvas.set_colour(indexed_colour(static_cast<int>(i)));
-    for (const Index c : groups[i]) add_cell(canvas, panel, c);
+    for (const Index t : groups[i]) add_triangle(canvas, panel, t);
     cairo_fill_preserve(canvas.get());
     canvas.stroke(0.4);  // closes the seams that antialiasing leaves between neighbours
   }
@@ -408,10 +479,9 @@ void draw_cells(Canvas& canvas, const Panel& panel, const ColourScale* scale) {
 void draw_edges(Canvas& canvas, const Panel& panel, double size) {
   if (!panel.figure->edges || size < kMinCellSize) return;
   std::vector<std::pair<Index, Index>> edges;
-  for (Index c = 0; c < panel.figure->mesh.cell_count(); ++c) {
-    if (!is_visible(panel, c)) continue;
-    const auto cell = panel.figure->mesh.cells.row(c);
-    for (int k = 0; k < 3; ++k) edges.emplace_back(std::minmax({cell[k], cell[(k + 1) % 3]}));
+  for (Index t = 0; t < triangle_count(panel); ++t) {
+    const auto triangle = panel.surface.triangles.row(t);
+    for (int k = 0; k < 3; ++k) edges.emplace_back(std::minmax({triangle[k], triangle[(k + 1) % 3]}));
   }
   std::sort(edges.begin(), edges.end());
   edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
@@ -421,8 +491,83 @@ void draw_edges(Canvas& canvas, const Panel& panel, double size) {
     cairo_move_to(canvas.get(), from.x(), from.y());
     cairo_line_to(canvas.get(), to.x(), to.y());
   }
-  canvas.set_colour({0.0, 0.0, 0.0}, 0.45);
-  canvas.stroke(std::clamp(0.04 * size, 0.1, 0.6));
+  canvas.set_colour({0.0, 0.0, 0.0}, kEdgeOpacity);
+  canvas.stroke(edge_width(size));
+}
+
+Rgb as_rgb(const Colour& colour) { return Eigen::Vector3d(colour.red, colour.green, colour.blue).cast<float>(); }
+
+/// Vertex in pixels of the PNG from the corner of the panel's image; depth in the same unit.
+Eigen::Vector3d image_point(const Panel& panel, double length_scale, Index vertex) {
+  const auto v = static_cast<std::size_t>(vertex);
+  Eigen::Vector3d point;
+  point << kPngScale * (panel.points[v] - panel.image_corner), kPngScale * length_scale * panel.seen[v].z();
+  return point;
+}
+
+void rasterize(Panel& panel, double length_scale, const ColourScale* scale, double check_size) {
+  const MeshFigure& figure = *panel.figure;
+  const Point half = 0.5 * length_scale * panel.bounds.sizes() + Point::Constant(kImageMargin);
+  // Whole pixels of the PNG, so that it shows the image as it is.
+  panel.image_corner = ((panel.middle - half) * kPngScale).array().floor() / kPngScale;
+  const Point size = (panel.middle + half - panel.image_corner) * kPngScale;
+  panel.image_width = static_cast<int>(std::ceil(size.x()));
+  Raster raster(panel.image_width, static_cast<int>(std::ceil(size.y())));
+
+  const double cell = cell_size(panel);
+  const bool has_edges = figure.edges && cell >= kMinCellSize;
+  const std::vector<char> is_flipped = flags(figure.flipped_cells, figure.mesh.cell_count());
+  Matrix positions = Matrix::Zero(figure.mesh.positions.rows(), 3);
+  positions.leftCols(figure.mesh.positions.cols()) = figure.mesh.positions;
+  const Matrix normals = corner_normals(positions, panel.surface.triangles);
+  for (Index t = 0; t < triangle_count(panel); ++t) {
+    const Index c = cell_of(panel, t);
+    RasterTriangle triangle;
+    for (int k = 0; k < 3; ++k) {
+      const auto i = static_cast<std::size_t>(k);
+      const Index v = panel.surface.triangles(t, k);
+      triangle.corners[i] = image_point(panel, length_scale, v);
+      triangle.normals[i] = panel.view->turned(normals.row(3 * static_cast<Eigen::Index>(t) + k).transpose());
+      triangle.weights[i] = panel.view->magnification(panel.seen[static_cast<std::size_t>(v)].z());
+      if (figure.uv.size() > 0) {
+        triangle.uv[i] = figure.uv.row(figure.uv_cells.size() > 0 ? figure.uv_cells(c, k) : v) / check_size;
+      }
+    }
+    triangle.is_textured = figure.uv.size() > 0;
+    triangle.is_lit = figure.is_spatial();
+    const bool has_value = scale != nullptr && figure.cell_values.size() > 0;
+    triangle.colour = has_value ? colour_on(*scale, figure.cell_values[c]) : as_rgb(kPlain);
+    if (is_flipped[static_cast<std::size_t>(c)]) {
+      triangle.edge_colour = as_rgb(kFlipped);
+      triangle.edge_opacity = 1.0f;
+      triangle.edge_width = kPngScale * flipped_width(cell);
+    } else if (has_edges) {
+      triangle.edge_opacity = static_cast<float>(kEdgeOpacity);
+      triangle.edge_width = 0.5 * kPngScale * edge_width(cell);
+    }
+    raster.draw(triangle);
+  }
+  panel.pixels = raster.pixels();
+  for (Index v = 0; v < figure.mesh.vertex_count(); ++v) {
+    panel.is_hidden.push_back(raster.is_visible(image_point(panel, length_scale, v), 0.5 * kPngScale) ? 0 : 1);
+  }
+}
+
+void draw_image(Canvas& canvas, const Panel& panel) {
+  std::vector<std::uint32_t> pixels = panel.pixels;  // Cairo wants them writable
+  const int height = static_cast<int>(pixels.size()) / panel.image_width;
+  const Picture image(cairo_image_surface_create_for_data(reinterpret_cast<unsigned char*>(pixels.data()),
+                                                          CAIRO_FORMAT_ARGB32, panel.image_width, height,
+                                                          4 * panel.image_width));
+  cairo_save(canvas.get());
+  cairo_translate(canvas.get(), panel.image_corner.x(), panel.image_corner.y());
+  cairo_scale(canvas.get(), 1.0 / kPngScale, 1.0 / kPngScale);
+  cairo_set_source_surface(canvas.get(), image.get(), 0.0, 0.0);
+  cairo_pattern_set_filter(cairo_get_source(canvas.get()), CAIRO_FILTER_GOOD);
+  cairo_paint(canvas.get());
+  cairo_restore(canvas.get());
+  cairo_set_source_rgb(canvas.get(), 0.0, 0.0, 0.0);
+  cairo_surface_finish(image.get());  // takes a copy where the picture still refers to the pixels
 }
 
 enum class Marker { square, disc, ring };
@@ -431,7 +576,7 @@ void draw_markers(Canvas& canvas, const Panel& panel, const std::vector<Index>& 
                   double radius) {
   for (const Index v : vertices) {
     const Point& point = panel.points[static_cast<std::size_t>(v)];
-    if (!point.allFinite()) continue;
+    if (!point.allFinite() || (panel.view && panel.is_hidden[static_cast<std::size_t>(v)])) continue;
     if (marker == Marker::square) {
       cairo_rectangle(canvas.get(), point.x() - radius, point.y() - radius, 2 * radius, 2 * radius);
     } else {
@@ -461,16 +606,31 @@ void draw_panel(Canvas& canvas, const Panel& panel, const ColourScale* scale) {
 
   const MeshFigure& figure = *panel.figure;
   const double size = cell_size(panel);
-  draw_cells(canvas, panel, scale);
-  draw_edges(canvas, panel, size);
+  if (panel.view) {
+    draw_image(canvas, panel);
+    cairo_save(canvas.get());
+    cairo_rectangle(canvas.get(), panel.image_corner.x(), panel.image_corner.y(), panel.image_width / kPngScale,
+                    static_cast<double>(panel.pixels.size()) / panel.image_width / kPngScale);
+    cairo_clip(canvas.get());
+  } else {
+    draw_cells(canvas, panel, scale);
+    draw_edges(canvas, panel, size);
+  }
   const double radius = std::clamp(0.3 * size, 2.0, 3.2);
   draw_markers(canvas, panel, figure.soft_vertices, Marker::ring, radius);
   draw_markers(canvas, panel, figure.fixed_vertices, Marker::square, radius);
   draw_markers(canvas, panel, figure.moved_vertices, Marker::disc, 1.2 * radius);
 
-  for (const Index c : figure.flipped_cells) add_cell(canvas, panel, c);
+  if (panel.view) {
+    cairo_restore(canvas.get());
+    return;
+  }
+  const std::vector<char> is_flipped = flags(figure.flipped_cells, figure.mesh.cell_count());
+  for (Index t = 0; t < triangle_count(panel); ++t) {
+    if (is_flipped[static_cast<std::size_t>(cell_of(panel, t))]) add_triangle(canvas, panel, t);
+  }
   canvas.set_colour(kFlipped);
-  canvas.stroke(std::clamp(0.15 * size, 1.0, 2.0));
+  canvas.stroke(flipped_width(size));
 }
 
 void draw_bar(Canvas& canvas, const ColourBar& bar) {
@@ -531,7 +691,7 @@ std::filesystem::path with_extension(std::filesystem::path path, const char* ext
 
 void write_svg(const Layout& layout, const std::filesystem::path& path) {
   std::string content;
-  const Surface surface(
+  const Picture surface(
       cairo_svg_surface_create_for_stream(append, &content, std::ceil(layout.width), std::ceil(layout.height)));
   cairo_svg_surface_set_document_unit(surface.get(), CAIRO_SVG_UNIT_PX);
   {
@@ -545,7 +705,7 @@ void write_svg(const Layout& layout, const std::filesystem::path& path) {
 }
 
 void write_png(const Layout& layout, const std::filesystem::path& path) {
-  const Surface surface(cairo_image_surface_create(CAIRO_FORMAT_RGB24,
+  const Picture surface(cairo_image_surface_create(CAIRO_FORMAT_RGB24,
                                                    static_cast<int>(std::ceil(layout.width) * kPngScale),
                                                    static_cast<int>(std::ceil(layout.height) * kPngScale)));
   Canvas canvas(surface.get());
@@ -562,8 +722,24 @@ void check(const MeshFigure& figure) {
     throw UsageError(fmt::format("figure '{}': {}", figure.title, message));
   };
   const Mesh& mesh = figure.mesh;
-  if (mesh.cells.cols() != 3) fail(fmt::format("cells have {} corners, expected 3", mesh.cells.cols()));
-  if (mesh.positions.cols() < 2) fail(fmt::format("positions have {} columns, expected 2", mesh.positions.cols()));
+  if (mesh.positions.cols() != 2 && mesh.positions.cols() != 3) {
+    fail(fmt::format("positions have {} columns, expected 2 or 3", mesh.positions.cols()));
+  }
+  if (mesh.cells.cols() != 3 && !(mesh.cells.cols() == 4 && figure.is_spatial())) {
+    fail(fmt::format("cells have {} corners, expected 3{}", mesh.cells.cols(), figure.is_spatial() ? " or 4" : ""));
+  }
+  if (figure.uv.size() > 0) {
+    if (mesh.cells.cols() != 3) fail("texture coordinates are for triangles");
+    if (figure.uv.cols() != 2) fail(fmt::format("uv has {} columns, expected 2", figure.uv.cols()));
+    if (figure.uv_cells.size() == 0 && figure.uv.rows() != mesh.vertex_count()) {
+      fail(fmt::format("{} uv for {} vertices", figure.uv.rows(), mesh.vertex_count()));
+    }
+    if (figure.uv_cells.size() > 0 && (figure.uv_cells.rows() != mesh.cell_count() || figure.uv_cells.cols() != 3)) {
+      fail(fmt::format("{} x {} corners of uv for {} cells", figure.uv_cells.rows(), figure.uv_cells.cols(),
+                       mesh.cell_count()));
+    }
+    if (!(figure.check_size >= 0.0 && std::isfinite(figure.check_size))) fail("expected a positive check_size");
+  }
   if (figure.cell_values.size() != 0 && figure.cell_values.size() != mesh.cell_count()) {
     fail(fmt::format("{} values for {} cells", figure.cell_values.size(), mesh.cell_count()));
   }
@@ -578,6 +754,7 @@ void check(const MeshFigure& figure) {
     }
   };
   check_indices(mesh.cells.reshaped(), mesh.vertex_count(), "cells name vertex");
+  check_indices(figure.uv_cells.reshaped(), static_cast<Index>(figure.uv.rows()), "cells name uv");
   check_indices(figure.fixed_vertices, mesh.vertex_count(), "fixed vertex");
   check_indices(figure.moved_vertices, mesh.vertex_count(), "moved vertex");
   check_indices(figure.soft_vertices, mesh.vertex_count(), "soft vertex");
@@ -585,6 +762,10 @@ void check(const MeshFigure& figure) {
 }
 
 }  // namespace
+
+Rgb colour_on(const ColourScale& scale, double value) { return as_rgb(mapped_colour(position_on(scale, value))); }
+
+Rgb plain_colour() { return as_rgb(kPlain); }
 
 ColourScale common_scale(const std::vector<Vector>& fields, bool logarithmic, const std::string& label) {
   double low = std::numeric_limits<double>::infinity();
@@ -607,14 +788,34 @@ ColourScale common_scale(const std::vector<Vector>& fields, bool logarithmic, co
   return {.low = low, .high = high, .logarithmic = logarithmic, .label = label};
 }
 
-void draw_meshes(const std::vector<MeshFigure>& figures, const std::filesystem::path& path, int columns) {
+double common_check_size(const std::vector<MeshFigure>& figures) {
+  double extent = 0.0;
+  for (const MeshFigure& figure : figures) {
+    Box box;
+    for (Eigen::Index i = 0; i < figure.uv.rows(); ++i) {
+      if (figure.uv.row(i).allFinite()) box.extend(Point(figure.uv.row(i).transpose()));
+    }
+    if (!box.isEmpty()) extent = std::max(extent, box.sizes().maxCoeff());
+  }
+  return extent > 0.0 ? extent / kChecks : 1.0;
+}
+
+void draw_meshes(const std::vector<MeshFigure>& figures, const std::filesystem::path& path, int columns,
+                 const Camera& camera) {
   if (figures.empty()) throw UsageError(fmt::format("{}: no figures to draw", path.string()));
   for (const MeshFigure& figure : figures) check(figure);
 
   // Titles are measured before there is a picture of known size.
-  const Surface scratch(cairo_image_surface_create(CAIRO_FORMAT_RGB24, 1, 1));
+  const Picture scratch(cairo_image_surface_create(CAIRO_FORMAT_RGB24, 1, 1));
   Canvas meter(scratch.get());
-  const Layout layout = layout_of(meter, figures, columns);
+  Layout layout = layout_of(meter, figures, columns, camera);
+  place(layout);
+  const double check_size = common_check_size(figures);
+  for (Panel& panel : layout.panels) {
+    if (!panel.view) continue;
+    rasterize(panel, layout.scale, layout.bar ? &layout.bar->scale : nullptr,
+              panel.figure->check_size > 0.0 ? panel.figure->check_size : check_size);
+  }
   write_svg(layout, with_extension(path, ".svg"));
   write_png(layout, with_extension(path, ".png"));
 }

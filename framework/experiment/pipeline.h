@@ -13,18 +13,22 @@
 #include "framework/experiment/config.h"
 #include "framework/experiment/figure.h"
 #include "framework/experiment/table.h"
+#include "framework/experiment/trials.h"
 
 namespace variform {
 
 /// What a pipeline makes of one point of a study: a config without sweep, every value in its place.
 struct PointResult {
-  Row metrics;                            ///< flat; the runner puts the swept keys in front
-  Mesh mesh = {};                         ///< result with the vertex order of the input; no cells: none
-  std::vector<MeshField> fields = {};     ///< for the VTU beside the OBJ
-  std::optional<MeshFigure> figure = {};  ///< the result as a picture, title and scale left to the runner
-  std::vector<Curve> history = {};        ///< convergence: value against iteration, by name of the value
-  Matrix probes = {};                     ///< images of the probe points (NaN where a point is outside), for [compare]
-  double probe_scale = 1.0;               ///< length that differences of probes are divided by
+  Row metrics;                         ///< flat; the runner puts the swept keys in front
+  Mesh mesh = {};                      ///< result with the vertex order of the input; no cells: none
+  std::vector<MeshField> fields = {};  ///< for the VTU beside the OBJ
+  /// The result as pictures, each with a name that the pipeline declares; titles and ranges of scales are left to the
+  /// runner (a label of the scale is kept).
+  std::vector<MeshFigure> figures = {};
+  std::vector<Curve> history = {};  ///< convergence: value against iteration, by name of the value
+  Matrix probes = {};               ///< images of the probe points (NaN where a point is outside), for [compare]
+  double probe_scale = 1.0;         ///< length that differences of probes are divided by
+  std::vector<Trials> trials = {};  ///< what searches inside the point tried, for the record, tables and plots
   std::vector<std::string> warnings = {};
 };
 
@@ -46,8 +50,9 @@ struct PipelineEntry {
   std::string doc = {};
   /// Top-level config sections the pipeline reads, beside those of the runner.
   std::vector<std::string> sections = {};
-  std::vector<Section> parameters = {};  ///< of those sections whose parameters do not depend on a name chosen there
-  std::vector<Metric> metrics = {};
+  std::vector<Section> parameters = {};   ///< of those sections whose parameters do not depend on a name chosen there
+  std::vector<Metric> metrics = {};       ///< all that its rows may have: claims, columns and plots can name no others
+  std::vector<std::string> figures = {};  ///< names of the figures that it makes, for output.figures
   /// Runs one point. mesh files are looked up through find_input. Throws Error.
   std::function<PointResult(const Config&)> run = {};
   /// The files that `run` reads for a point: a checkpoint is good only while they are unchanged. Throws as find_input.

@@ -137,6 +137,11 @@ Script script_of(const LinePlot& plot, const std::string& name) {
       "set grid linecolor '#d8d8d8' linetype 1 linewidth 0.6\n"
       "set key outside right top Left reverse samplen 2\n"
       "set pointsize 0.75\n";
+  for (const double mark : plot.marks) {
+    if (!(mark >= x.low && mark <= x.high)) continue;
+    script.text += fmt::format(
+        "set arrow from first {0}, graph 0 to first {0}, graph 1 nohead dashtype 2 linecolor '#888888'\n", mark);
+  }
   const auto draw = [&](const char* terminal, int scale, const char* extension, const char* options) {
     script.text +=
         fmt::format("set terminal {} noenhanced size {},{} font 'DejaVu Sans,{}' {}\nset output {}\n{}\n", terminal,

@@ -23,9 +23,10 @@ std::string to_string(Verdict::Outcome outcome) {
 
 std::string record_json(const Record& record) {
   using Json = nlohmann::ordered_json;
-  Json json = {{"title", record.title},   {"source", record.source},      {"pipeline", record.pipeline},
-               {"config", record.config}, {"provenance", Json::object()}, {"warnings", record.warnings},
-               {"rows", Json::array()},   {"figures", Json::array()},     {"claims", Json::array()}};
+  Json json = {{"title", record.title},    {"source", record.source},      {"pipeline", record.pipeline},
+               {"config", record.config},  {"provenance", Json::object()}, {"warnings", record.warnings},
+               {"rows", Json::array()},    {"figures", Json::array()},     {"claims", Json::array()},
+               {"searches", Json::array()}};
   for (const auto& [key, value] : record.provenance) json["provenance"][key] = value;
   for (const Row& row : record.rows) json["rows"].push_back(to_json(row));
   for (const FigureFile& figure : record.figures) {
@@ -38,6 +39,20 @@ std::string record_json(const Record& record) {
                               {"ours", verdict.ours},
                               {"outcome", to_string(verdict.outcome)},
                               {"reason", verdict.reason}});
+  }
+  for (const auto& [point, trials] : record.searches) {
+    Json rows = Json::array();
+    for (const Row& row : trials.rows) rows.push_back(to_json(row));
+    json["searches"].push_back({{"point", point},
+                                {"key", trials.key},
+                                {"aim", trials.aim},
+                                {"metrics", trials.metrics},
+                                {"found", trials.found},
+                                {"value", to_json(Value(trials.value))},
+                                {"bracket_low", to_json(Value(trials.low))},
+                                {"bracket_high", to_json(Value(trials.high))},
+                                {"remarks", trials.remarks},
+                                {"trials", rows}});
   }
   return to_text(json, 2) + "\n";
 }

@@ -6,7 +6,9 @@
 #include <utility>
 #include <vector>
 
+#include "framework/experiment/figure.h"
 #include "framework/experiment/table.h"
+#include "framework/experiment/trials.h"
 
 namespace variform {
 
@@ -28,6 +30,12 @@ struct FigureFile {
   std::string path;  ///< without extension, relative to the run's folder
 };
 
+/// A search inside a point.
+struct RecordedSearch {
+  std::string point = {};  ///< swept values of the point in words; empty without sweep
+  Trials trials = {};
+};
+
 /// Everything a run put out.
 struct Record {
   std::string title;
@@ -42,10 +50,13 @@ struct Record {
   std::vector<Table> tables = {};    ///< further tables for the report (convergence, pivots)
   std::vector<FigureFile> figures = {};
   std::vector<Verdict> verdicts = {};
+  std::vector<RecordedSearch> searches = {};
+  std::vector<MeshFigure> spatial = {};  ///< figures in space, for the interactive view of the report
+  Camera camera = {};                    ///< from which that view starts
 };
 
 /// record.json: object with title, source, pipeline, config, provenance (object), warnings, rows (flat objects),
-/// figures, claims. Numbers are written with all digits; NaN and infinities as null.
+/// figures, claims, searches (each with its trials). Numbers are written with all digits; NaN and infinities as null.
 std::string record_json(const Record& record);
 
 /// Table of the rows with the record's column descriptions; only the given keys if any.
@@ -61,7 +72,8 @@ void write_record(const Record& record, const std::filesystem::path& folder,
                   const std::vector<std::string>& table_keys);
 
 /// One page that opens from disk with no network: title, source, claims with verdicts, tables (sortable by a click on a
-/// header), figures (PNGs inlined, linking to the SVG beside the report), warnings, config and provenance.
+/// header), an interactive view of the figures in space (see viewer.h), figures (PNGs inlined, linking to the SVG
+/// beside the report), warnings, config and provenance.
 std::string report_html(const Record& record, const std::filesystem::path& folder,
                         const std::vector<std::string>& table_keys);
 

@@ -10,6 +10,7 @@
 #include "framework/domain/io/reader.h"
 #include "framework/experiment/escape.h"
 #include "framework/experiment/record.h"
+#include "framework/experiment/viewer.h"
 
 namespace variform {
 namespace {
@@ -65,6 +66,10 @@ th[aria-sort=descending]::after { content: " \2193"; }
 figure { margin: 0 0 2rem; break-inside: avoid; }
 figure img { display: block; max-width: 100%; height: auto; margin: 0 auto; background: #fff; border-radius: 6px; }
 figcaption { margin-top: .5rem; color: var(--muted); font-size: .9rem; text-align: center; }
+.viewer canvas { display: block; width: 100%; border: 1px solid var(--line); border-radius: 6px; touch-action: none; }
+.controls { display: flex; flex-wrap: wrap; gap: .4rem 1.2rem; margin-bottom: .5rem; font-size: .9rem; }
+.controls [hidden] { display: none; }
+.controls select { max-width: 18rem; font: inherit; }
 ul { margin: 0; padding-left: 1.3rem; }
 code, pre { font: .84em/1.5 ui-monospace, "SF Mono", Menlo, Consolas, "DejaVu Sans Mono", monospace; }
 pre { overflow-x: auto; margin: 0; padding: .9rem 1rem; background: var(--tint); border: 1px solid var(--line);
@@ -273,6 +278,7 @@ std::string report_html(const Record& record, const std::filesystem::path& folde
   body += summary(record);
   body += section("Claims", claims(record.verdicts));
   body += section("Tables", tables(record, table_keys));
+  body += section("Interactive view", viewer_html(record.spatial, record.camera));
   body += section("Figures", figures(record, folder));
   body += section("Warnings", warnings(record));
   body += section("Config", config(record));

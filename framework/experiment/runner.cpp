@@ -7,11 +7,13 @@
 #include <sys/utsname.h>
 
 #include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <map>
 #include <sstream>
 #include <thread>
@@ -21,6 +23,8 @@
 #include "framework/experiment/checkpoint.h"
 #include "framework/experiment/claim.h"
 #include "framework/experiment/figure.h"
+#include "framework/experiment/known_keys.h"
+#include "framework/experiment/search.h"
 
 namespace variform {
 namespace {
@@ -33,14 +37,6 @@ const std::vector<std::string> kRunnerKeys = {"title",  "source",  "pipeline", "
 struct SweptKey {
   std::string key;
   std::vector<ConfigValue> values;
-};
-
-struct Bisection {
-  std::string key;
-  double low = 0.0;
-  double high = 1.0;
-  double tolerance = 1e-3;
-  Condition until;
 };
 
 struct PlotRequest {
@@ -56,7 +52,7 @@ struct Plan {
   const PipelineEntry* pipeline = nullptr;
   std::string title, source;
   std::vector<SweptKey> sweep;
-  std::optional<Bisection> bisection;
+  std::optional<ThresholdSearch> bisection;
   std::string reference;  // [compare]
   std::vector<Claim> claims;
   std::vector<PlotRequest> plots;
@@ -66,6 +62,7 @@ struct Plan {
   int max_panels = 24;
   int panel_columns = 0;
   bool logarithmic = true;
+  Camera camera;
 
   std::vector<std::string> swept_keys() const {
     std::vector<std::string> keys;
@@ -83,6 +80,8 @@ struct Plan {
 };
 
 constexpr int kMaxPoints = 100000;
+
+const std::vector<std::string> kBisectionKeys = {"bisect_found", "bracket_low", "bracket_high", "bisect_runs"};
 
 // A key whose value the runner sets must lead into a section that the pipeline reads: anything else would be a sweep of
 // equal points.
@@ -122,6 +121,73 @@ void read_sweep(const ConfigNode& node, const std::string& prefix, const Config&
   }
 }
 
+Camera read_camera(const ConfigNode& node) {
+  node.accept_keys({"direction", "up", "zoom", "projection"});
+  Camera camera;
+  const auto vector = [&node](const char* key, const Eigen::Vector3d& fallback) -> Eigen::Vector3d {
+    if (!node.has(key)) return fallback;
+    const std::vector<double> values = node.at(key).numbers();
+    if (values.size() != 3) node.at(key).fail("expected three numbers");
+    return {values[0], values[1], values[2]};
+  };
+  camera.direction = vector("direction", camera.direction);
+  camera.up = vector("up", camera.up);
+  camera.zoom = node.number_or("zoom", camera.zoom);
+  const std::string projection = node.string_or("projection", "orthographic");
+  if (projection != "orthographic" && projection != "perspective") {
+    node.at("projection").fail("expected \"orthographic\" or \"perspective\"");
+  }
+  camera.perspective = projection == "perspective";
+  node.located([&] { return View(camera, Eigen::Vector3d::Zero(), 1.0); });
+  return camera;
+}
+
+// What claims, columns, rates and plots name must be something that rows will have: a name that none has would show
+// after the run, as a claim that nothing decides.
+void check_keys(const ConfigNode& root, const Plan& plan) {
+  KnownKeys known;
+  known.add("swept keys", plan.swept_keys());
+  std::vector<std::string> metrics;
+  for (const Metric& metric : plan.pipeline->metrics) metrics.push_back(metric.column.key);
+  known.add(fmt::format("metrics of '{}'", plan.pipeline->name), metrics);
+  KnownKeys of_pipeline = known;
+  std::vector<std::string> own = {"mesh"};
+  if (plan.bisection) own.insert(own.end(), kBisectionKeys.begin(), kBisectionKeys.end());
+  if (!plan.reference.empty()) own.insert(own.end(), {"map_difference", "probe_points"});
+  for (const auto& [metric, size] : plan.rates) own.push_back(metric + "_eoc");
+  known.add("set by the runner", own);
+
+  if (plan.bisection) of_pipeline.require(root.at("bisect").at("until"), plan.bisection->until);
+  if (root.has("claim")) {
+    for (const ConfigNode& node : root.at("claim").elements()) {
+      known.require(node.at("metric"), node.at("metric").string());
+      if (node.has("along")) known.require(node.at("along"), node.at("along").string());
+      for (const char* key : {"where", "relative_to", "minus"}) {
+        if (node.has(key)) known.require(node.at(key), Condition(node.at(key).string()));
+      }
+    }
+  }
+  if (root.has("plot")) {
+    for (const ConfigNode& node : root.at("plot").elements()) {
+      for (const char* key : {"x", "y"}) known.require(node.at(key), node.at(key).string());
+      if (node.has("where")) known.require(node.at("where"), Condition(node.at("where").string()));
+      if (!node.has("series")) continue;
+      for (const ConfigNode& key : node.at("series").elements(true)) known.require(key, key.string());
+    }
+  }
+  if (!root.has("output")) return;
+  const ConfigNode output = root.at("output");
+  if (output.has("columns")) {
+    for (const ConfigNode& key : output.at("columns").elements()) known.require(key, key.string());
+  }
+  if (output.has("rates")) {
+    for (const ConfigNode& rate : output.at("rates").children()) {
+      known.require(rate, rate.name());
+      known.require(rate, rate.string());
+    }
+  }
+}
+
 Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
   const ConfigNode root = config.root();
   Plan plan;
@@ -137,17 +203,18 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
   if (root.has("bisect")) {
     const ConfigNode node = root.at("bisect");
     node.accept_keys({"key", "low", "high", "tolerance", "until"});
-    Bisection bisection;
+    ThresholdSearch bisection;
     bisection.key = node.at("key").string();
     bisection.low = node.at("low").number();
     bisection.high = node.at("high").number();
-    bisection.tolerance = node.number_or("tolerance", 1e-3);
+    bisection.absolute_tolerance = node.number_or("tolerance", 1e-3);
+    bisection.max_trials = std::numeric_limits<int>::max();
     bisection.until = node.at("until").located([&] { return Condition(node.at("until").string()); });
     check_key(node.at("key"), bisection.key, ConfigValue{bisection.low, 0}, config, plan);
     if (!(bisection.low < bisection.high && std::isfinite(bisection.high - bisection.low))) {
       node.fail("expected low < high");
     }
-    if (!(bisection.tolerance > 0.0)) node.at("tolerance").fail("expected a positive number");
+    if (!(bisection.absolute_tolerance > 0.0)) node.at("tolerance").fail("expected a positive number");
     plan.bisection = bisection;
   }
   if (root.has("compare")) {
@@ -182,16 +249,20 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
       plan.plots.push_back(plot);
     }
   }
-  plan.figures = {"deformed"};
+  plan.figures = plan.pipeline->figures;
   if (root.has("output")) {
     const ConfigNode node = root.at("output");
-    node.accept_keys({"columns", "figures", "rates", "max_panels", "panel_columns", "colour"});
+    node.accept_keys({"columns", "figures", "rates", "max_panels", "panel_columns", "colour", "camera"});
     if (node.has("columns")) plan.columns = node.at("columns").strings();
     if (node.has("figures")) {
       plan.figures = node.at("figures").strings();
+      std::vector<std::string> names = plan.pipeline->figures;
+      names.emplace_back("history");
       for (const ConfigNode& figure : node.at("figures").elements()) {
-        if (figure.string() != "deformed" && figure.string() != "history")
-          figure.fail("expected \"deformed\" or \"history\"");
+        if (std::find(names.begin(), names.end(), figure.string()) == names.end()) {
+          figure.fail(fmt::format("pipeline '{}' has no figure \"{}\"; expected \"{}\"", plan.pipeline->name,
+                                  figure.string(), fmt::join(names, "\", \"")));
+        }
       }
     }
     if (node.has("rates")) {
@@ -208,7 +279,9 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
     const std::string colour = node.string_or("colour", "logarithmic");
     if (colour != "logarithmic" && colour != "linear") node.at("colour").fail("expected \"logarithmic\" or \"linear\"");
     plan.logarithmic = colour == "logarithmic";
+    if (node.has("camera")) plan.camera = read_camera(node.at("camera"));
   }
+  check_keys(root, plan);
   return plan;
 }
 
@@ -249,43 +322,32 @@ void check_points(const Config& config, const Plan& plan) {
   }
 }
 
-PointResult bisect(const PipelineEntry& pipeline, const Config& config, const Bisection& bisection) {
-  int runs = 0;
-  const auto at = [&](double value) {
+// The result is that of the upper end of the bracket; without one, of the last value tried.
+PointResult bisect(const PipelineEntry& pipeline, const Config& config, const ThresholdSearch& search) {
+  std::optional<PointResult> best;
+  bool best_held = false;
+  Trials trials = find_threshold(search, [&](double value) {
     Config point = config;
-    point.set(bisection.key, ConfigValue{value, 0});
-    ++runs;
-    return pipeline.run(point);
-  };
-  double low = bisection.low;
-  double high = bisection.high;
-  PointResult result = at(low);
-  bool found = bisection.until.holds(result.metrics);
-  if (found) {
-    high = low;
-  } else {
-    result = at(high);
-    found = bisection.until.holds(result.metrics);
-    while (found && high - low > bisection.tolerance) {
-      const double middle = 0.5 * (low + high);
-      if (middle <= low || middle >= high) break;  // the tolerance asks for more than doubles have
-      PointResult trial = at(middle);
-      if (bisection.until.holds(trial.metrics)) {
-        high = middle;
-        result = std::move(trial);
-      } else {
-        low = middle;
-      }
-    }
-  }
-  result.metrics.set("bisect_found", found);
-  result.metrics.set("bracket_low", low);
-  result.metrics.set("bracket_high", high);
-  result.metrics.set("bisect_runs", static_cast<std::int64_t>(runs));
-  if (!found) {
+    point.set(search.key, ConfigValue{value, 0});
+    PointResult result = pipeline.run(point);
+    Row metrics = result.metrics;
+    const bool held = search.until.holds(metrics);
+    // Bisection goes down from what held to what holds.
+    if (held || !best_held) best = std::move(result);
+    best_held = best_held || held;
+    return metrics;
+  });
+  PointResult result = std::move(*best);
+  result.metrics.set("bisect_found", trials.found);
+  result.metrics.set("bracket_low", trials.low);
+  result.metrics.set("bracket_high", trials.high);
+  result.metrics.set("bisect_runs", static_cast<std::int64_t>(trials.rows.size()));
+  if (!trials.found) {
     result.warnings.push_back(
-        fmt::format("no value of {} up to {} fulfils '{}'", bisection.key, bisection.high, bisection.until.text()));
+        fmt::format("no value of {} up to {} fulfils '{}'", search.key, search.high, search.until.text()));
   }
+  for (const std::string& remark : trials.remarks) result.warnings.push_back(remark);
+  result.trials.push_back(std::move(trials));
   return result;
 }
 
@@ -374,37 +436,154 @@ void add_plot(const LinePlot& plot, const std::string& name, const fs::path& fol
     record.figures.push_back({plot.title, "figures/" + name});
 }
 
-void draw_figures(const Plan& plan, const std::vector<PointResult>& results, const fs::path& folder, Record& record) {
+// What a reader needs to know of the marks that occur in a picture.
+std::string legend(const std::vector<MeshFigure>& panels) {
+  const auto any = [&panels](auto member) {
+    return std::any_of(panels.begin(), panels.end(), [member](const MeshFigure& f) { return !(f.*member).empty(); });
+  };
+  std::vector<std::string> parts;
+  if (any(&MeshFigure::fixed_vertices)) parts.emplace_back("squares: fixed vertices");
+  if (any(&MeshFigure::moved_vertices)) parts.emplace_back("discs: moved ones");
+  if (any(&MeshFigure::soft_vertices)) parts.emplace_back("open circles: soft constraints");
+  if (any(&MeshFigure::flipped_cells)) parts.emplace_back("red outlines: flipped cells");
+  if (parts.empty()) return {};
+  std::string text = fmt::format(" {}.", fmt::join(parts, "; "));
+  text[1] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[1])));
+  return text;
+}
+
+// One picture of the figures of a name, a panel for each point.
+void draw_figure(const Plan& plan, const std::string& name, std::vector<PointResult>& results, const fs::path& folder,
+                 Record& record) {
+  std::vector<MeshFigure> panels;
+  std::vector<Vector> values;
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    for (MeshFigure& figure : results[i].figures) {
+      if (figure.name != name) continue;
+      if (static_cast<int>(panels.size()) >= plan.max_panels) {
+        record.warnings.push_back(
+            fmt::format("the figure '{}' shows the first {} results only (output.max_panels)", name, plan.max_panels));
+        i = results.size() - 1;
+        break;
+      }
+      panels.push_back(std::move(figure));
+      MeshFigure& panel = panels.back();
+      panel.title = group_text(record.rows[i], plan.swept_keys());
+      const auto flipped = panel.flipped_cells.size();
+      if (flipped > 0) panel.title += fmt::format("{}{} flipped", panel.title.empty() ? "" : ", ", flipped);
+      if (panel.uv.size() == 0) values.push_back(panel.cell_values);
+    }
+  }
+  if (panels.empty()) return;
+  const std::string given = panels.front().scale.label;
+  const ColourScale scale = common_scale(values, plan.logarithmic, given.empty() ? "cell energy" : given);
+  for (MeshFigure& panel : panels) panel.scale = scale;
+  draw_meshes(panels, folder / "figures" / name, plan.panel_columns, plan.camera);
+  std::string caption = panels.front().caption;
+  if (caption.empty()) {
+    caption = panels.front().uv.size() > 0 ? fmt::format("Figure '{}': image of a checkerboard.", name)
+                                           : fmt::format("Figure '{}'; cells are coloured by: {}.", name, scale.label);
+  }
+  record.figures.push_back({caption + legend(panels), "figures/" + name});
+  const double check_size = common_check_size(panels);
+  for (MeshFigure& panel : panels) {
+    if (!panel.is_spatial()) continue;
+    if (panel.check_size == 0.0) panel.check_size = check_size;
+    record.spatial.push_back(std::move(panel));
+  }
+}
+
+// Steps over two decades and more are seen on a logarithmic axis only. Values that are not positive have no place
+// there; of the searched key, that is the lower end 0.
+bool is_logarithmic(const std::vector<Curve>& curves, std::vector<double> Curve::*values, bool zeros) {
+  double low = std::numeric_limits<double>::infinity();
+  double high = 0.0;
+  for (const Curve& curve : curves) {
+    for (const double value : curve.*values) {
+      if (value < 0.0 || (value == 0.0 && !zeros)) return false;
+      if (!(value > 0.0) || !std::isfinite(value)) continue;
+      low = std::min(low, value);
+      high = std::max(high, value);
+    }
+  }
+  return high >= 100.0 * low;
+}
+
+// Searches of the same kind share a table and a plot for each metric of interest.
+void add_searches(const Plan& plan, const std::vector<PointResult>& results, Record& record) {
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    const std::string point = group_text(record.rows[i], plan.swept_keys());
+    for (const Trials& trials : results[i].trials) {
+      record.searches.push_back({point, trials});
+      Table table{.caption = fmt::format("Search: {}{}{}", trials.aim, point.empty() ? "" : ", ", point)};
+      if (!trials.found) table.caption += " (not found)";
+      for (const std::string& key : {trials.key, std::string("asked"), std::string("held"), trials.against}) {
+        if (!key.empty()) table.columns.push_back({key});
+      }
+      for (const std::string& key : trials.metrics) table.columns.push_back({key});
+      table.rows = trials.rows;
+      record.tables.push_back(std::move(table));
+    }
+  }
+}
+
+void draw_searches(const fs::path& folder, Record& record) {
+  struct Group {
+    const Trials* first;
+    std::string metric;
+    LinePlot plot;
+  };
+  std::vector<Group> groups;
+  for (const auto& [point, trials] : record.searches) {
+    const std::string& x = trials.against.empty() ? trials.key : trials.against;
+    for (const std::string& metric : trials.metrics) {
+      auto group = std::find_if(groups.begin(), groups.end(), [&trials = trials, &metric](const Group& g) {
+        return g.first->aim == trials.aim && g.metric == metric;
+      });
+      if (group == groups.end()) {
+        LinePlot plot{.title = "Search: " + trials.aim, .x_label = x, .y_label = metric};
+        group = groups.insert(groups.end(), Group{&trials, metric, std::move(plot)});
+      }
+      std::vector<std::pair<double, double>> points;
+      for (const Row& row : trials.rows) {
+        const Value* const at = row.find(x);
+        const Value* const value = row.find(metric);
+        if (at == nullptr || value == nullptr) continue;
+        points.emplace_back(to_number(*at), to_number(*value));
+        const double tried = to_number(*row.find(trials.key));
+        const bool is_mark =
+            trials.against.empty() ? tried == trials.low || tried == trials.high : tried == trials.value;
+        if (trials.found && is_mark) group->plot.marks.push_back(to_number(*at));
+      }
+      std::stable_sort(points.begin(), points.end());
+      Curve curve{.label = point.empty() ? metric : point};
+      for (const auto& [at, value] : points) {
+        curve.x.push_back(at);
+        curve.y.push_back(value);
+      }
+      group->plot.curves.push_back(std::move(curve));
+    }
+  }
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    LinePlot& plot = groups[i].plot;
+    plot.log_x = is_logarithmic(plot.curves, &Curve::x, true);
+    plot.log_y = is_logarithmic(plot.curves, &Curve::y, false);
+    add_plot(plot, fmt::format("search-{}", i + 1), folder, record);
+    if (plot.marks.empty() || record.figures.empty()) continue;
+    std::string& caption = record.figures.back().caption;
+    if (caption == plot.title) {
+      caption += groups[i].first->against.empty() ? ". Dashed: ends of the bracket." : ". Dashed: the corner.";
+    }
+  }
+}
+
+void draw_figures(const Plan& plan, std::vector<PointResult>& results, const fs::path& folder, Record& record) {
   const auto wanted = [&](const std::string& name) {
     return std::find(plan.figures.begin(), plan.figures.end(), name) != plan.figures.end();
   };
   const std::vector<std::string> swept = plan.swept_keys();
-  if (wanted("deformed")) {
-    std::vector<MeshFigure> panels;
-    std::vector<Vector> values;
-    for (std::size_t i = 0; i < results.size(); ++i) {
-      if (!results[i].figure) continue;
-      if (static_cast<int>(panels.size()) >= plan.max_panels) {
-        record.warnings.push_back(
-            fmt::format("the figure shows the first {} results only (output.max_panels)", plan.max_panels));
-        break;
-      }
-      panels.push_back(*results[i].figure);
-      panels.back().title = group_text(record.rows[i], swept);
-      const auto flipped = panels.back().flipped_cells.size();
-      if (flipped > 0)
-        panels.back().title += fmt::format("{}{} flipped", panels.back().title.empty() ? "" : ", ", flipped);
-      values.push_back(panels.back().cell_values);
-    }
-    if (!panels.empty()) {
-      const ColourScale scale = common_scale(values, plan.logarithmic, "cell energy");
-      for (MeshFigure& panel : panels) panel.scale = scale;
-      draw_meshes(panels, folder / "figures" / "deformed", plan.panel_columns);
-      record.figures.push_back(
-          {"Deformed mesh, cells coloured by their energy |r|². Squares: fixed vertices; discs: moved "
-           "ones; open circles: soft constraints; red outlines: flipped cells.",
-           "figures/deformed"});
-    }
+  for (const std::string& name : plan.pipeline->figures) {
+    if (wanted(name)) draw_figure(plan, name, results, folder, record);
   }
   if (wanted("history")) {
     LinePlot plot{"Convergence", "iteration", "E (regularized energy); relative step", false, true, {}};
@@ -416,6 +595,7 @@ void draw_figures(const Plan& plan, const std::vector<PointResult>& results, con
     }
     if (!plot.curves.empty()) add_plot(plot, "history", folder, record);
   }
+  draw_searches(folder, record);
   for (const PlotRequest& request : plan.plots) {
     try {
       const LinePlot plot = line_plot(request, record.rows);
@@ -431,29 +611,39 @@ void draw_figures(const Plan& plan, const std::vector<PointResult>& results, con
 }
 
 // Rows next to each other in the table differ in the size alone, where the size is swept: rates are those of a group of
-// rows that agree in all other swept keys.
-Table convergence_table(const Plan& plan, const std::string& metric, const std::string& size,
-                        const std::vector<Row>& rows) {
+// rows that agree in all other swept keys. The rows get them, too, as "<metric>_eoc".
+Table convergence_table(const Plan& plan, const std::string& metric, const std::string& size, std::vector<Row>& rows) {
   std::vector<std::string> others = plan.swept_keys();
   const bool grouped = std::erase(others, size) > 0;
   if (!grouped) others.clear();
-  std::vector<std::pair<std::string, Table>> groups;
-  for (const Row& row : rows) {
-    const std::string name = group_text(row, others);
-    auto group = std::find_if(groups.begin(), groups.end(), [&](const auto& g) { return g.first == name; });
-    if (group == groups.end()) group = groups.insert(groups.end(), {name, Table()});
-    group->second.rows.push_back(row);
+  struct Group {
+    std::string name;
+    Table table;
+    std::vector<std::size_t> places;
+  };
+  std::vector<Group> groups;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const std::string name = group_text(rows[i], others);
+    auto group = std::find_if(groups.begin(), groups.end(), [&](const Group& g) { return g.name == name; });
+    if (group == groups.end()) group = groups.insert(groups.end(), {name, Table(), {}});
+    group->table.rows.push_back(rows[i]);
+    group->places.push_back(i);
   }
   Table table{fmt::format("Convergence of {} with {}", metric, size), {}, {}};
   for (const std::string& key : plan.swept_keys()) table.columns.push_back({key});
   if (!grouped) table.columns.push_back({size});
   table.columns.push_back({metric});
   const std::vector<Column> columns = table.columns;
-  for (auto& [name, group] : groups) {
-    group.columns = columns;
-    add_convergence_rate(group, metric, size);
-    table.columns = group.columns;
-    table.rows.insert(table.rows.end(), group.rows.begin(), group.rows.end());
+  for (Group& group : groups) {
+    group.table.columns = columns;
+    add_convergence_rate(group.table, metric, size);
+    table.columns = group.table.columns;
+    for (std::size_t i = 0; i < group.places.size(); ++i) {
+      if (const Value* rate = group.table.rows[i].find(metric + "_eoc")) {
+        rows[group.places[i]].set(metric + "_eoc", *rate);
+      }
+    }
+    table.rows.insert(table.rows.end(), group.table.rows.begin(), group.table.rows.end());
   }
   return table;
 }
@@ -497,7 +687,6 @@ std::string checkpoint_key(const Config& config, const Plan& plan, const Config&
   if (!plan.pipeline->inputs) return key;
   for (const fs::path& file : plan.pipeline->inputs(at)) {
     if (!fs::is_regular_file(file)) continue;  // reading the mesh says what is wrong with it
-    if (!fs::is_regular_file(file)) continue;  // reading it will say what is wrong
     std::ifstream stream(file, std::ios::binary);
     const std::string content((std::istreambuf_iterator<char>(stream)), std::istreambuf_iterator<char>());
     std::uint64_t hash = 0xcbf29ce484222325ULL;  // FNV-1a
@@ -549,6 +738,7 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   record.pipeline = plan.pipeline->name;
   record.config = config.text();
   record.swept = plan.swept_keys();
+  record.camera = plan.camera;
   record.provenance = options.provenance;
   for (const Metric& metric : plan.pipeline->metrics) record.columns.push_back(metric.column);
 
@@ -599,6 +789,12 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
       save_point(checkpoint, key, *result);
     }
     for (const auto& [metric, value] : result->metrics.entries()) row.set(metric, value);
+    for (const MeshFigure& figure : result->figures) {
+      const std::vector<std::string>& names = plan.pipeline->figures;
+      if (std::find(names.begin(), names.end(), figure.name) != names.end()) continue;
+      result->warnings.push_back(
+          fmt::format("pipeline '{}' made a figure '{}' that it does not declare", plan.pipeline->name, figure.name));
+    }
     for (const std::string& warning : result->warnings) {
       const std::string where = group_text(row, plan.swept_keys());
       record.warnings.push_back(where.empty() ? warning : where + ": " + warning);
@@ -612,6 +808,10 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   if (options.progress) options.progress(static_cast<int>(results.size()), static_cast<int>(results.size()));
 
   if (!plan.reference.empty()) compare_probes(plan, results, record);
+  for (const auto& [metric, size] : plan.rates) {
+    record.tables.push_back(convergence_table(plan, metric, size, record.rows));
+  }
+  add_searches(plan, results, record);
   const bool complete = static_cast<int>(results.size()) == total;
   for (const Claim& claim : plan.claims) {
     Verdict verdict = decide(claim, record.rows, plan.swept_keys());
@@ -631,7 +831,6 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   for (const auto& [metric, size] : plan.rates) {
     expect_key(metric, "output.rates");
     expect_key(size, "output.rates");
-    record.tables.push_back(convergence_table(plan, metric, size, record.rows));
   }
   if (options.figures) draw_figures(plan, results, options.folder, record);
   add_provenance(config, watch.seconds(), record);
