@@ -6,6 +6,13 @@
   X(asap)                    \
   X(larap)                   \
   X(arap)                    \
+  X(lscm)                    \
+  X(akvf)                    \
+  X(metr)                    \
+  X(conf)                    \
+  X(auth)                    \
+  X(phi)                     \
+  X(laplacian)               \
   X(poisson)
 
 namespace variform {

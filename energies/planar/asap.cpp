@@ -3,30 +3,46 @@
 
 #include "framework/base/error.h"
 #include "framework/form/energy.h"
+#include "framework/operators/operators.h"
 
 namespace variform {
 namespace {
 
-// As-similar-as-possible planar deformation: |r_t|^2 = |F - S*|^2 = (sigma_1 - sigma_2)^2 / 2 with the closest
-// similarity S* of F (Martinez Esturo 2013, sec. 7.4.1). Linear in 2-D only.
+// As-similar-as-possible map to the plane: |r_t|^2 = |F - S*|^2 = (sigma_1 - sigma_2)^2 / 2 with the closest similarity
+// S* of F (Martinez Esturo 2013, sec. 7.4.1). Linear where cells are triangles.
+//
+// On a surface F = B_t G_t U_t in a tangent frame B_t (2 x 3), and the residual is lifted to world coordinates,
+// B_t'(F - S*). Turning the frame by R turns F and its closest similarity alike, S*(R F) = R S*(F), so the lifted
+// residual knows no frame: with the normal n and the gradients a, b of the two coordinates its columns are
+//
+//   (a + n x b) / 2  and  (b - n x a) / 2.
+//
+// In the plane, n = z, this is F - S* itself.
 class Asap final : public CellEnergy {
  public:
   EnergyTraits traits(const Domain& domain) const override {
-    if (domain.kind() != DomainKind::planar) {
+    if (domain.kind() == DomainKind::tetrahedral) {
       throw UsageError(
-          fmt::format("energy 'asap' is linear in the plane only and needs a planar domain, this one is {}",
-                      to_string(domain.kind())));
+          "energy 'asap' needs a planar or surface domain, this one is tetrahedral: the closest similarity is not "
+          "linear in three dimensions; use the vector-field energy 'conf'");
     }
-    return {.residuals = 4, .unknowns = 2, .columns = 1, .kernel = Kernel::similarities};
+    // Maps that cost nothing: similarities of the plane; on a surface that cannot be unrolled, points alone.
+    return {.residuals = 2 * domain.ambient_dimension(),
+            .unknowns = 2,
+            .columns = 1,
+            .kernel = domain.kind() == DomainKind::planar ? Kernel::similarities : Kernel::constants};
   }
 
   void cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const override {
-    // F - S* for vec(F) = (f11, f21, f12, f22).
-    static const Eigen::Matrix4d kSimilarityDefect =
-        0.5 * (Eigen::Matrix4d() << 1, 0, 0, -1, 0, 1, 1, 0, 0, 1, 1, 0, -1, 0, 0, 1).finished();
-    Eigen::Matrix<double, 4, 6> H;
-    vectorised_gradient(domain, t, 2, H);
-    E = kSimilarityDefect * H;
+    const auto G = domain.gradient(t);
+    const auto p = G.rows();
+    const TriangleGradient turned = turned_gradient(domain, t);
+    for (int i = 0; i < 3; ++i) {
+      E.col(2 * i).head(p) = 0.5 * G.col(i);
+      E.col(2 * i).tail(p) = -0.5 * turned.col(i);
+      E.col(2 * i + 1).head(p) = 0.5 * turned.col(i);
+      E.col(2 * i + 1).tail(p) = 0.5 * G.col(i);
+    }
   }
 };
 
@@ -34,8 +50,10 @@ class Asap final : public CellEnergy {
 
 EnergyEntry describe_asap() {
   return {.name = "asap",
-          .doc = "as-similar-as-possible deformation, linear (Martinez Esturo 2013, sec. 7.4.1)",
-          .domains = "planar",
+          .doc =
+              "as-similar-as-possible deformation, or map of a surface to the plane, linear; a surface that can be "
+              "unrolled needs two fixed vertices (Martinez Esturo 2013, sec. 7.4.1)",
+          .domains = "planar, surface",
           .make = [](const Parameters&) { return std::make_unique<Asap>(); }};
 }
 

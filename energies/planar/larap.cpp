@@ -7,28 +7,38 @@
 namespace variform {
 namespace {
 
-// Linearized as-rigid-as-possible planar deformation: F against its linearized closest rotation, which leaves the
-// symmetric part of F minus the identity (Martinez Esturo 2013, sec. 7.4.1). |r_t|^2 is a quarter of the Killing energy
-// of the displacement.
+// Linearized as-rigid-as-possible deformation in any dimension: F against its linearized closest rotation, which leaves
+// the symmetric part of F minus the identity, E_t = (I + K) H_t / 2 and c = vec I with the commutation matrix K
+// (Martinez Esturo 2013, sec. 7.4.1). |r_t|^2 is a quarter of the Killing energy of the displacement.
 class Larap final : public CellEnergy {
  public:
   EnergyTraits traits(const Domain& domain) const override {
-    if (domain.kind() != DomainKind::planar) {
-      throw UsageError(fmt::format("energy 'larap' needs a planar domain, this one is {}", to_string(domain.kind())));
+    if (domain.kind() == DomainKind::surface) {
+      throw UsageError(
+          fmt::format("energy 'larap' needs a planar or tetrahedral domain, this one is {}", to_string(domain.kind())));
     }
-    return {.residuals = 4, .unknowns = 2, .columns = 1, .kernel = Kernel::rigid_motions};
+    const int p = domain.ambient_dimension();
+    return {.residuals = p * p, .unknowns = p, .columns = 1, .kernel = Kernel::rigid_motions};
   }
 
   void cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const override {
-    static const Eigen::Matrix4d kSymmetricPart =
-        0.5 * (Eigen::Matrix4d() << 2, 0, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 2).finished();
-    Eigen::Matrix<double, 4, 6> H;
-    vectorised_gradient(domain, t, 2, H);
-    E = kSymmetricPart * H;
+    // Row (r, c) of E for local vertex i: the symmetric part of d F_rc = g_r du_c.
+    const auto G = domain.gradient(t);
+    const auto p = G.rows();
+    E.setZero();
+    for (Eigen::Index i = 0; i < G.cols(); ++i) {
+      for (Eigen::Index r = 0; r < p; ++r) {
+        for (Eigen::Index c = 0; c < p; ++c) {
+          E(c * p + r, i * p + c) += 0.5 * G(r, i);
+          E(r * p + c, i * p + c) += 0.5 * G(r, i);
+        }
+      }
+    }
   }
 
-  bool target(const Domain&, Index, const Matrix&, Eigen::Ref<Eigen::MatrixXd> c) const override {
-    c << 1.0, 0.0, 0.0, 1.0;
+  bool target(const Domain& domain, Index, const Matrix&, Eigen::Ref<Eigen::MatrixXd> c) const override {
+    c.setZero();
+    for (int i = 0; i < domain.ambient_dimension(); ++i) c(i * (domain.ambient_dimension() + 1), 0) = 1.0;
     return true;
   }
 };
@@ -38,7 +48,7 @@ class Larap final : public CellEnergy {
 EnergyEntry describe_larap() {
   return {.name = "larap",
           .doc = "linearized as-rigid-as-possible deformation (Martinez Esturo 2013, sec. 7.4.1)",
-          .domains = "planar",
+          .domains = "planar, tetrahedral",
           .make = [](const Parameters&) { return std::make_unique<Larap>(); }};
 }
 

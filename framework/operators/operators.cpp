@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "framework/operators/operators.h"
 
+#include <Eigen/Geometry>
 #include <vector>
 
 namespace variform {
@@ -59,6 +60,19 @@ SparseMatrix mass_matrix(const Domain& domain) {
     const double scale = domain.cell_measures()[t] / ((m + 1.0) * (m + 2.0));
     return scale * (Eigen::MatrixXd::Ones(corners, corners) + Eigen::MatrixXd::Identity(corners, corners));
   });
+}
+
+TriangleGradient turned_gradient(const Domain& domain, Index t) {
+  const auto G = domain.gradient(t);
+  TriangleGradient turned(G.rows(), 3);
+  if (G.rows() == 2) {
+    turned.row(0) = -G.row(1);
+    turned.row(1) = G.row(0);
+  } else {
+    const Eigen::Vector3d n = domain.normals().row(t);
+    for (int i = 0; i < 3; ++i) turned.col(i) = n.cross(Eigen::Vector3d(G.col(i)));
+  }
+  return turned;
 }
 
 Eigen::MatrixXd deformation(const Domain& domain, Index t, const Matrix& U) {

@@ -18,6 +18,13 @@ SparseMatrix cotangent_laplacian(const Domain& domain);
 /// stored; triangle A/6 and A/12, tetrahedron V/10 and V/20 (Martinez Esturo 2013, appendix A.2).
 SparseMatrix mass_matrix(const Domain& domain);
 
+/// Gradient operator of a triangle, p x 3, on the stack.
+using TriangleGradient = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::ColMajor, 3, 3>;
+
+/// n_t x G_t: the gradients of cell t of a planar (n = z) or surface domain turned by a right angle, counter-clockwise
+/// about the normal; p x 3. Not defined on tetrahedra.
+TriangleGradient turned_gradient(const Domain& domain, Index t);
+
 /// Transposed deformation gradient F_t = G_t U_t of cell t (p x d) for vertex values U (|V| x d): column c is the
 /// gradient of coordinate function c. At rest F = I (planar, tetrahedral) or I - n n' (surface).
 Eigen::MatrixXd deformation(const Domain& domain, Index t, const Matrix& U);

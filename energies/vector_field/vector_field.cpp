@@ -1,0 +1,354 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "energies/vector_field/vector_field.h"
+
+#include <Eigen/Dense>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "framework/base/error.h"
+#include "framework/base/parallel.h"
+#include "framework/operators/operators.h"
+
+namespace variform {
+namespace {
+
+// What counts as zero, relative to the largest eigenvalue of M.
+constexpr double kRelativeZero = 1e-12;
+
+// j' M j / tr(B) for J = I, where M is least (by Cauchy and Schwarz tr(BJ)^2 <= tr(B) |J + J'|^2_B / 4 for symmetric J,
+// with equality on multiples of I): M is positive semi-definite exactly when this and the strain are not negative.
+double identity_stiffness(const VectorFieldWeights& w, double trace) { return 4.0 * w.strain + trace * w.divergence; }
+
+double scale(const VectorFieldWeights& w, double trace) { return 4.0 * w.strain + trace * std::abs(w.divergence); }
+
+bool vanishes(double stiffness, const VectorFieldWeights& w, double trace) {
+  return std::abs(stiffness) <= kRelativeZero * scale(w, trace);
+}
+
+bool indefinite(const VectorFieldWeights& w, double trace) {
+  return !(w.strain >= 0.0) || !(identity_stiffness(w, trace) >= -kRelativeZero * scale(w, trace));
+}
+
+[[noreturn]] void refuse(const VectorFieldWeights& w, double trace) {
+  throw UsageError(fmt::format(
+      "vector-field energy: weights {} of strain and {} of divergence make it negative; expected strain >= 0 "
+      "and 4 strain + {} divergence >= 0",
+      w.strain, w.divergence, trace));
+}
+
+// Vectorised transposition: K vec(A) = vec(A').
+Eigen::MatrixXd commutation(int p) {
+  Eigen::MatrixXd K = Eigen::MatrixXd::Zero(p * p, p * p);
+  for (int r = 0; r < p; ++r) {
+    for (int c = 0; c < p; ++c) K(c * p + r, r * p + c) = 1.0;
+  }
+  return K;
+}
+
+// Orthonormal basis of the symmetric matrices, vectorised, p^2 x p (p+1)/2.
+Eigen::MatrixXd symmetric_basis(int p) {
+  Eigen::MatrixXd basis = Eigen::MatrixXd::Zero(p * p, p * (p + 1) / 2);
+  int column = 0;
+  for (int r = 0; r < p; ++r) {
+    basis(r * p + r, column++) = 1.0;
+    for (int c = r + 1; c < p; ++c, ++column) {
+      basis(r * p + c, column) = basis(c * p + r, column) = std::sqrt(0.5);
+    }
+  }
+  return basis;
+}
+
+int dimension_of(const Matrix& tensors) { return tensors.cols() == 4 ? 2 : 3; }
+
+Eigen::MatrixXd tensor_at(const Matrix& tensors, Index t) {
+  const int p = dimension_of(tensors);
+  return Eigen::Map<const Eigen::MatrixXd>(tensors.row(tensors.rows() == 1 ? 0 : t).data(), p, p);
+}
+
+void check_tensors(const Matrix& tensors) {
+  if (tensors.cols() != 4 && tensors.cols() != 9) {
+    throw DataError(
+        fmt::format("vector-field energy: tensors have {} entries per cell, expected 4 or 9", tensors.cols()));
+  }
+  for (Index t = 0; t < tensors.rows(); ++t) {
+    const Eigen::MatrixXd B = tensor_at(tensors, t);
+    const bool symmetric =
+        B.allFinite() && (B - B.transpose()).cwiseAbs().maxCoeff() <= 1e-12 * B.cwiseAbs().maxCoeff();
+    const double smallest =
+        symmetric ? Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(B, Eigen::EigenvaluesOnly).eigenvalues()[0] : 0.0;
+    if (!symmetric || !(smallest > 0.0)) {
+      throw DataError(fmt::format("vector-field energy: the tensor of cell {} is not symmetric positive definite: {}",
+                                  t,
+                                  symmetric ? fmt::format("its smallest eigenvalue is {:.3g}", smallest)
+                                            : std::string("it is not symmetric, or not finite")));
+    }
+  }
+}
+
+}  // namespace
+
+VectorFieldWeights phi_weights(double phi) { return {std::sin(phi), std::cos(phi)}; }
+
+double largest_phi(double trace) { return std::numbers::pi - std::atan(trace / 4.0); }
+
+Eigen::MatrixXd vector_field_matrix(const VectorFieldWeights& weights, const Eigen::MatrixXd& B) {
+  const auto p = static_cast<int>(B.rows());
+  const Eigen::MatrixXd twice_symmetric = Eigen::MatrixXd::Identity(p * p, p * p) + commutation(p);
+  Eigen::MatrixXd blocks = Eigen::MatrixXd::Zero(p * p, p * p);
+  for (int i = 0; i < p; ++i) blocks.block(i * p, i * p, p, p) = B;
+  const Eigen::Map<const Eigen::VectorXd> b(B.data(), p * p);
+  return weights.strain * twice_symmetric.transpose() * blocks * twice_symmetric +
+         weights.divergence * b * b.transpose();
+}
+
+Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, int p) {
+  if (indefinite(weights, p)) refuse(weights, p);
+  const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(p, p);
+  const Eigen::Map<const Eigen::VectorXd> e(identity.data(), p * p);
+  const Eigen::MatrixXd P_tr = e * e.transpose() / p;
+  const Eigen::MatrixXd P_sym = 0.5 * (Eigen::MatrixXd::Identity(p * p, p * p) + commutation(p)) - P_tr;
+  return 2.0 * std::sqrt(weights.strain) * P_sym + std::sqrt(std::max(0.0, identity_stiffness(weights, p))) * P_tr;
+}
+
+Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, const Eigen::MatrixXd& B) {
+  const Eigen::MatrixXd N = symmetric_basis(static_cast<int>(B.rows()));
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(N.transpose() * vector_field_matrix(weights, B) * N);
+  Vector values = eigen.eigenvalues();
+  const double zero = kRelativeZero * values.cwiseAbs().maxCoeff();
+  if (!(values.minCoeff() >= -zero)) refuse(weights, B.trace());
+  // Rounding leaves null directions slightly on either side of 0; their roots would be noise of 1e-8.
+  for (double& value : values) value = value <= zero ? 0.0 : std::sqrt(value);
+  const Eigen::MatrixXd V = N * eigen.eigenvectors();
+  return V * values.asDiagonal() * V.transpose();
+}
+
+VectorFieldEnergy::VectorFieldEnergy(VectorFieldKind kind, Vector parameter, const Matrix& tensors)
+    : kind_(kind), parameter_(std::move(parameter)), tensors_(tensors) {
+  if (parameter_.size() == 0) throw UsageError("vector-field energy: a parameter for all cells or one each is needed");
+  for (const double value : parameter_) {
+    if (kind_ == VectorFieldKind::authalic && !(value >= 0.0 && std::isfinite(value))) {
+      throw UsageError(fmt::format("vector-field energy: shear = {}: expected a finite value >= 0", value));
+    }
+    if (kind_ == VectorFieldKind::phi && !(value > 0.0 && value < std::numbers::pi)) {
+      throw UsageError(
+          fmt::format("vector-field energy: phi = {}: expected a value in (0, pi - arctan(tr(B)/4)]", value));
+    }
+  }
+  if (tensors.size() > 0) set_tensors(tensors);
+}
+
+void VectorFieldEnergy::set_tensors(const Matrix& tensors) {
+  check_tensors(tensors);
+  if (tensors.rows() != tensors_.rows() || tensors.cols() != tensors_.cols()) {
+    throw UsageError(fmt::format("vector-field energy: expected {} x {} tensor entries, got {} x {}", tensors_.rows(),
+                                 tensors_.cols(), tensors.rows(), tensors.cols()));
+  }
+  if (tensors.rows() > 1 && parameter_.size() > 1 && tensors.rows() != parameter_.size()) {
+    throw UsageError(fmt::format("vector-field energy: {} parameters and {} tensors do not belong to the same cells",
+                                 parameter_.size(), tensors.rows()));
+  }
+  tensors_ = tensors;
+  // Where the kind and the tensor allow it: a phi out of range is for traits to refuse, with the cell.
+  roots_.assign(std::max<std::size_t>(tensors.rows(), parameter_.size()), {});
+  const int p = dimension_of(tensors_);
+  parallel_for(static_cast<Index>(roots_.size()), [&](Index t) {
+    const VectorFieldWeights w = weights(t, trace(t, p));
+    if (!indefinite(w, trace(t, p))) roots_[t] = vector_field_root(w, tensor_at(tensors_, t));
+  });
+}
+
+double VectorFieldEnergy::trace(Index t, int p) const {
+  return tensors_.size() == 0 ? p : tensor_at(tensors_, t).trace();
+}
+
+VectorFieldWeights VectorFieldEnergy::weights(Index t, double trace) const {
+  const double parameter = parameter_[parameter_.size() == 1 ? 0 : t];
+  switch (kind_) {
+    case VectorFieldKind::killing: return {1.0, 0.0};
+    case VectorFieldKind::metric: return {1.0, 2.0};
+    case VectorFieldKind::conformal: return {1.0, -4.0 / trace};
+    case VectorFieldKind::authalic: return {parameter, 1.0};
+    case VectorFieldKind::phi: return phi_weights(parameter);
+  }
+  return {};
+}
+
+EnergyTraits VectorFieldEnergy::traits(const Domain& domain) const {
+  if (domain.kind() == DomainKind::surface) {
+    throw UsageError("vector-field energies need a planar or tetrahedral domain, this one is surface");
+  }
+  const int p = domain.ambient_dimension();
+  const Index cells = domain.cell_count();
+  if (tensors_.size() > 0 && dimension_of(tensors_) != p) {
+    throw UsageError(fmt::format("vector-field energy: tensors are {0} x {0}, the domain has dimension {1}",
+                                 dimension_of(tensors_), p));
+  }
+  for (const auto& [what, rows] : {std::pair<const char*, Eigen::Index>("parameters", parameter_.size()),
+                                   {"tensors", tensors_.size() > 0 ? tensors_.rows() : 1}}) {
+    if (rows != 1 && rows != cells) {
+      throw UsageError(fmt::format("vector-field energy: {} {} for {} cells; expected one for each, or one for all",
+                                   rows, what, cells));
+    }
+  }
+  const bool alike = parameter_.size() == 1 && tensors_.rows() <= 1;
+  bool bare = false;
+  Index conformal = 0;
+  std::vector<bool> rigid(domain.component_count(), false);  // components with a cell that sees scaling
+  for (Index t = 0; t < (alike ? 1 : cells); ++t) {
+    const double B = trace(t, p);
+    const VectorFieldWeights w = weights(t, B);
+    if (indefinite(w, B)) {
+      const double phi = parameter_[parameter_.size() == 1 ? 0 : t];
+      throw UsageError(fmt::format("vector-field energy: phi = {}{}: expected a value in (0, {}], pi - arctan({}/4)",
+                                   phi, alike ? "" : fmt::format(" on cell {}", t), largest_phi(B), B));
+    }
+    if (vanishes(w.strain, w, B)) bare = true;
+    if (vanishes(identity_stiffness(w, B), w, B)) {
+      ++conformal;
+    } else {
+      rigid[domain.cell_components()[t]] = true;
+    }
+  }
+  // A similarity that is a rigid motion on one cell is one on its neighbours: they share a facet.
+  Kernel kernel = Kernel::rigid_motions;
+  if (conformal == (alike ? 1 : cells)) {
+    kernel = Kernel::similarities;
+  } else if (conformal > 0 && std::find(rigid.begin(), rigid.end(), false) != rigid.end()) {
+    kernel = Kernel::other;
+  }
+  if (bare) kernel = Kernel::other;
+  return {.residuals = p * p, .unknowns = p, .columns = 1, .kernel = kernel};
+}
+
+void VectorFieldEnergy::cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const {
+  const auto G = domain.gradient(t);
+  const auto p = static_cast<int>(G.rows());
+  if (!roots_.empty()) {
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, 9, 12> H(p * p, p * (p + 1));
+    vectorised_gradient(domain, t, p, H);
+    E.noalias() = roots_[roots_.size() == 1 ? 0 : t] * H;
+    return;
+  }
+  // S = sqrt(strain) (I + K) + difference P_tr, applied to the gradient of each local unknown.
+  const VectorFieldWeights w = weights(t, p);
+  const double shear = std::sqrt(w.strain);
+  const double difference = (std::sqrt(std::max(0.0, identity_stiffness(w, p))) - 2.0 * shear) / p;
+  E.setZero();
+  for (int i = 0; i <= p; ++i) {
+    for (int c = 0; c < p; ++c) {
+      auto column = E.col(i * p + c);
+      for (int r = 0; r < p; ++r) {
+        column[c * p + r] += shear * G(r, i);
+        column[r * p + c] += shear * G(r, i);
+        column[r * (p + 1)] += difference * G(c, i);
+      }
+    }
+  }
+}
+
+std::unique_ptr<VectorFieldEnergy> make_vector_field_energy(const Vector& phi, const Matrix& tensors) {
+  return std::make_unique<VectorFieldEnergy>(VectorFieldKind::phi, phi, tensors);
+}
+
+Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tensors) {
+  const int p = domain.ambient_dimension();
+  if (domain.kind() == DomainKind::surface || U.rows() != domain.vertex_count() || U.cols() != p ||
+      tensors.cols() != p * p || (tensors.rows() != 1 && tensors.rows() != domain.cell_count())) {
+    throw UsageError(
+        fmt::format("rotated tensors: {} x {} values and {} x {} tensors on a {} domain with {} vertices "
+                    "and {} cells",
+                    U.rows(), U.cols(), tensors.rows(), tensors.cols(), to_string(domain.kind()), domain.vertex_count(),
+                    domain.cell_count()));
+  }
+  Matrix result(domain.cell_count(), p * p);
+  parallel_for(domain.cell_count(), [&](Index t) {
+    const Eigen::MatrixXd J = deformation(domain, t, U).transpose();
+    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(J, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Eigen::MatrixXd V = svd.matrixV();
+    if ((svd.matrixU() * V.transpose()).determinant() < 0.0) V.col(p - 1) *= -1.0;
+    const Eigen::MatrixXd Q = svd.matrixU() * V.transpose();
+    const Eigen::MatrixXd B = Q * tensor_at(tensors, t) * Q.transpose();
+    const Eigen::MatrixXd symmetric = 0.5 * (B + B.transpose());
+    result.row(t) = Eigen::Map<const Eigen::RowVectorXd>(symmetric.data(), p * p);
+  });
+  return result;
+}
+
+namespace {
+
+const std::vector<Parameter> kTensorParameters = {
+    {.name = "stiffness",
+     .value = std::vector<double>{},
+     .doc = "factors [along, across] of the axis, both positive, the same on all cells; none: isotropic",
+     .min = 0.0},
+    {.name = "axis",
+     .value = std::vector<double>{},
+     .doc = "direction that 'stiffness' refers to, one entry per "
+            "coordinate, of any length but 0"}};
+
+// across I + (along - across) a a', one row; nothing where the parameters leave the material isotropic.
+Matrix tensor_from(const Parameters& parameters) {
+  const std::vector<double>& stiffness = parameters.numbers("stiffness");
+  const std::vector<double>& axis = parameters.numbers("axis");
+  if (stiffness.empty() && axis.empty()) return {};
+  const auto p = static_cast<Eigen::Index>(axis.size());
+  const Eigen::VectorXd a = Eigen::Map<const Eigen::VectorXd>(axis.data(), p);
+  if (stiffness.size() != 2 || !(stiffness[0] > 0.0 && stiffness[1] > 0.0)) {
+    throw UsageError("'stiffness': expected two positive numbers, along and across 'axis'");
+  }
+  if ((p != 2 && p != 3) || !(a.norm() > 0.0) || !a.allFinite()) {
+    throw UsageError("'axis': expected 2 or 3 numbers, not all 0, one per coordinate");
+  }
+  const Eigen::MatrixXd B = stiffness[1] * Eigen::MatrixXd::Identity(p, p) +
+                            (stiffness[0] - stiffness[1]) * a.normalized() * a.normalized().transpose();
+  return Eigen::Map<const Eigen::RowVectorXd>(B.data(), p * p);
+}
+
+EnergyEntry describe(const std::string& name, VectorFieldKind kind, const std::string& doc,
+                     const std::vector<Parameter>& own = {}) {
+  std::vector<Parameter> parameters = own;
+  parameters.insert(parameters.end(), kTensorParameters.begin(), kTensorParameters.end());
+  const std::string key = own.empty() ? "" : own.front().name;
+  return {.name = name,
+          .doc = doc + "; velocities (Martinez Esturo 2013, ch. 3 and 7)",
+          .domains = "planar, tetrahedral",
+          .parameters = parameters,
+          .make = [kind, key](const Parameters& values) {
+            const Vector parameter = Vector::Constant(1, key.empty() ? 0.0 : values.number(key));
+            return std::make_unique<VectorFieldEnergy>(kind, parameter, tensor_from(values));
+          }};
+}
+
+}  // namespace
+
+EnergyEntry describe_akvf() { return describe("akvf", VectorFieldKind::killing, "as-Killing-as-possible: |J + J'|^2"); }
+
+EnergyEntry describe_metr() {
+  return describe("metr", VectorFieldKind::metric, "mean rate of length: |J + J'|^2 + 2 tr(J)^2");
+}
+
+EnergyEntry describe_conf() {
+  return describe("conf", VectorFieldKind::conformal, "rate of angles: |J + J'|^2 - (4/p) tr(J)^2");
+}
+
+EnergyEntry describe_auth() {
+  return describe("auth", VectorFieldKind::authalic, "rate of area or volume: tr(J)^2 + shear |J + J'|^2",
+                  {{.name = "shear",
+                    .value = 1.0 / 512.0,
+                    .doc = "weight of the strain that makes the problem solvable; 0: the bare form",
+                    .min = 0.0}});
+}
+
+EnergyEntry describe_phi() {
+  return describe("phi", VectorFieldKind::phi, "sin(phi) |J + J'|^2 + cos(phi) tr(J)^2",
+                  {{.name = "phi",
+                    .value = std::numbers::pi / 2.0,
+                    .doc = "angle in (0, pi - arctan(p/4)]: akvf at pi/2, metr at arctan(1/2), conf at the end",
+                    .min = 0.0,
+                    .max = std::numbers::pi}});
+}
+
+}  // namespace variform

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "framework/form/energy.h"
+
+namespace variform {
+
+/// Weights of the vector-field energies of Martinez Esturo 2013, ch. 3: of velocities v with Jacobian J, per unit
+/// measure,
+///
+///   strain |J + J'|^2_B + divergence tr(B J)^2,   |Y|^2_B = tr(Y' B Y),
+///
+/// with a symmetric positive definite tensor B (the identity where the material is isotropic).
+struct VectorFieldWeights {
+  double strain = 1.0;
+  double divergence = 0.0;
+};
+
+/// The named energies, in the scaling of the source's explicit matrices, p the dimension:
+enum class VectorFieldKind {
+  killing,    ///< (1, 0): rate of change of lengths (akvf)
+  metric,     ///< (1, 2): mean over all directions of the squared rate of squared length, times 4 in 2-D and 15/2 in
+              ///< 3-D (metr; errata C9)
+  conformal,  ///< (1, -4/tr B): rate of change of angles (conf)
+  authalic,   ///< (parameter, 1): rate of change of area or volume, with a little strain (auth)
+  phi,        ///< (sin parameter, cos parameter): the family that joins them
+};
+
+/// (sin phi, cos phi): Killing at pi/2, metric at arctan(1/2), conformal at largest_phi.
+VectorFieldWeights phi_weights(double phi);
+
+/// pi - arctan(tr(B)/4): the energy is non-negative for phi in (0, largest_phi] exactly. tr(B) = p if B = I.
+double largest_phi(double trace);
+
+/// The quadratic form M in j = vec(J), p^2 x p^2: energy density j' M j; the same in vec(J').
+Eigen::MatrixXd vector_field_matrix(const VectorFieldWeights& weights, const Eigen::MatrixXd& B);
+
+/// The symmetric positive semi-definite root S of M, S^2 = M, in closed form for B = I in dimension p:
+/// S = 2 sqrt(strain) P_sym + sqrt(4 strain + p divergence) P_tr with the projections to symmetric trace-free matrices
+/// and to multiples of the identity. Throws UsageError when M is indefinite.
+Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, int p);
+
+/// The root for a tensor B (p x p), by eigen-decomposition on symmetric matrices (M vanishes on antisymmetric ones);
+/// eigenvalues below 1e-12 of the largest one count as 0. Throws UsageError when M is indefinite.
+Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, const Eigen::MatrixXd& B);
+
+/// Energy of velocity fields on planar and tetrahedral domains, residual S_t vec(J) on every cell: n = p^2, d = p,
+/// coupled, c = 0. Unknowns are velocities on the current shape: u = 0 is the rest state.
+///
+/// Kernel: rigid motions; similarities where every cell is at the conformal end of the range; Kernel::other without
+/// strain.
+class VectorFieldEnergy final : public CellEnergy {
+ public:
+  /// parameter: of each cell, or one for all (ignored by kinds without one). tensors: B_t of each cell, cells x p^2, or
+  /// one row for all, or none for B = I. Throws UsageError for strain or phi out of every range, DataError naming the
+  /// cell whose tensor is not symmetric positive definite.
+  VectorFieldEnergy(VectorFieldKind kind, Vector parameter, const Matrix& tensors = {});
+
+  /// New tensors in the places of the old ones, for shapes that move: see rotated_tensors.
+  void set_tensors(const Matrix& tensors);
+
+  /// Throws UsageError when sizes do not fit the domain, or phi exceeds largest_phi there, naming the cell.
+  EnergyTraits traits(const Domain& domain) const override;
+  void cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const override;
+
+ private:
+  VectorFieldWeights weights(Index t, double trace) const;
+  double trace(Index t, int p) const;
+
+  VectorFieldKind kind_;
+  Vector parameter_;
+  Matrix tensors_;
+  std::vector<Eigen::MatrixXd> roots_;  // with tensors only: of each cell, or one for all
+};
+
+/// The phi family with phi of each cell or one for all, tensors as above.
+std::unique_ptr<VectorFieldEnergy> make_vector_field_energy(const Vector& phi, const Matrix& tensors = {});
+
+/// Tensors carried along by a deformation of the domain to vertex values U (|V| x p): B_t' = Q B_t Q' with the rotation
+/// Q closest to the deformation gradient of the cell. One row per cell.
+Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tensors);
+
+}  // namespace variform
