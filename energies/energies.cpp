@@ -7,6 +7,7 @@
   X(larap)                   \
   X(arap)                    \
   X(lscm)                    \
+  X(arap_parametrization)    \
   X(akvf)                    \
   X(metr)                    \
   X(conf)                    \

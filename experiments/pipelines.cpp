@@ -2,7 +2,9 @@
 #include "experiments/pipelines.h"
 
 // One line per pipeline; experiments/<chapter>/<name>.cpp defines PipelineEntry describe_<name>().
-#define VARIFORM_PIPELINES(X) X(deform_planar)
+#define VARIFORM_PIPELINES(X) \
+  X(deform)                   \
+  X(vector_field)
 
 namespace variform {
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <Eigen/Geometry>
-
 #include "framework/form/energy.h"
+#include "framework/operators/operators.h"
 #include "framework/operators/rotation.h"
 
 namespace variform {
@@ -27,7 +26,7 @@ class Arap final : public ProjectedEnergy {
       case DomainKind::tetrahedral: return rotated<3>(Y, c, derivative);
       case DomainKind::surface: break;
     }
-    const Matrix23 B = tangent_frame(domain, t);
+    const Matrix23 B = edge_frame(domain, t);  // the target does not depend on the frame
     Matrix23 R = B;
     Matrix66 D;
     const bool defined = closest_orthonormal_rows(B * Y, R, derivative != nullptr ? &D : nullptr);
@@ -53,17 +52,6 @@ class Arap final : public ProjectedEnergy {
     if (defined) c = R;
     if (derivative != nullptr) *derivative = D;
     return defined;
-  }
-
-  // Any orthonormal frame of the tangent plane: the target does not depend on it.
-  static Matrix23 tangent_frame(const Domain& domain, Index t) {
-    const Eigen::Vector3d n = domain.normals().row(t).transpose();
-    const Eigen::Vector3d edge =
-        (domain.positions().row(domain.cells()(t, 1)) - domain.positions().row(domain.cells()(t, 0))).transpose();
-    Matrix23 B;
-    B.row(0) = edge.normalized().transpose();
-    B.row(1) = n.transpose().cross(B.row(0));
-    return B;
   }
 };
 

@@ -315,6 +315,7 @@ EnergyEntry describe(const std::string& name, VectorFieldKind kind, const std::s
   return {.name = name,
           .doc = doc + "; velocities (Martinez Esturo 2013, ch. 3 and 7)",
           .domains = "planar, tetrahedral",
+          .velocities = true,
           .parameters = parameters,
           .make = [kind, key](const Parameters& values) {
             const Vector parameter = Vector::Constant(1, key.empty() ? 0.0 : values.number(key));

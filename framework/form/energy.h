@@ -116,6 +116,7 @@ struct EnergyEntry {
   std::string name = {};
   std::string doc = {};      ///< one line, with the source
   std::string domains = {};  ///< which domains it takes, for the listing
+  bool velocities = false;   ///< whether u is a velocity field, not a map
   std::vector<Parameter> parameters = {};
   std::function<std::unique_ptr<Energy>(const Parameters&)> make = {};
 };

@@ -2,6 +2,7 @@
 #include "framework/operators/operators.h"
 
 #include <Eigen/Geometry>
+
 #include <vector>
 
 namespace variform {
@@ -73,6 +74,20 @@ TriangleGradient turned_gradient(const Domain& domain, Index t) {
     for (int i = 0; i < 3; ++i) turned.col(i) = n.cross(Eigen::Vector3d(G.col(i)));
   }
   return turned;
+}
+
+TangentFrame edge_frame(const Domain& domain, Index t) {
+  const auto p = domain.ambient_dimension();
+  TangentFrame B(2, p);
+  B.row(0) = (domain.positions().row(domain.cells()(t, 1)) - domain.positions().row(domain.cells()(t, 0))).normalized();
+  if (p == 2) {
+    B.row(1) << -B(0, 1), B(0, 0);
+  } else {
+    const Eigen::Vector3d n = domain.normals().row(t).transpose();
+    const Eigen::Vector3d edge = B.row(0).transpose();
+    B.row(1) = n.cross(edge).transpose();
+  }
+  return B;
 }
 
 Eigen::MatrixXd deformation(const Domain& domain, Index t, const Matrix& U) {

@@ -25,6 +25,13 @@ using TriangleGradient = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::ColMajo
 /// about the normal; p x 3. Not defined on tetrahedra.
 TriangleGradient turned_gradient(const Domain& domain, Index t);
 
+/// A tangent frame: two orthonormal rows, 2 x p.
+using TangentFrame = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor, 2, 3>;
+
+/// Frame of triangle t, counter-clockwise: along its first edge, and the normal times that. For what does not depend on
+/// the choice of frames.
+TangentFrame edge_frame(const Domain& domain, Index t);
+
 /// Transposed deformation gradient F_t = G_t U_t of cell t (p x d) for vertex values U (|V| x d): column c is the
 /// gradient of coordinate function c. At rest F = I (planar, tetrahedral) or I - n n' (surface).
 Eigen::MatrixXd deformation(const Domain& domain, Index t, const Matrix& U);

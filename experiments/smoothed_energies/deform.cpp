@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "energies/energies.h"
+#include "experiments/smoothed_energies/study.h"
+#include "framework/base/error.h"
+#include "framework/operators/distortion.h"
+
+namespace variform {
+namespace {
+
+const std::vector<std::string> kStarts = {"rest", "larap", "poisson"};
+
+const std::vector<Parameter> kProbeParameters = {{.name = "lattice",
+                                                  .value = std::int64_t{0},
+                                                  .doc = "probe points per side of the bounding box, for [compare]",
+                                                  .min = 0.0,
+                                                  .max = 1000.0}};
+
+Index read_lattice(const Config& config) {
+  if (!config.root().has("probe")) return 0;
+  return static_cast<Index>(config.root().at("probe").parameters(kProbeParameters).integer("lattice"));
+}
+
+void check(const Config& config) {
+  check_domain(config.root().at("domain"));
+  read_energy(config.root().at("energy"), false);
+  read_norm(config);
+  read_solver(config, kStarts);
+  check_constraints(constraint_tables(config));
+  read_lattice(config);
+}
+
+// Images of a lattice of points of the bounding box under the map, NaN outside the domain.
+Matrix probe(const Domain& domain, const Matrix& U, Index lattice) {
+  Matrix images = Matrix::Constant(lattice * lattice, 2, std::nan(""));
+  if (lattice == 0) return images;
+  const Eigen::RowVector2d low = domain.positions().colwise().minCoeff();
+  const Eigen::RowVector2d extent = domain.positions().colwise().maxCoeff() - Eigen::RowVectorXd(low);
+  const auto cell_range = [&](double from, double to, int axis) {
+    const double step = extent[axis] / lattice;
+    const auto first = static_cast<Index>(std::ceil((from - low[axis]) / step - 0.5 - 1e-9));
+    const auto last = static_cast<Index>(std::floor((to - low[axis]) / step - 0.5 + 1e-9));
+    return std::pair(std::max<Index>(first, 0), std::min<Index>(last, lattice - 1));
+  };
+  for (Index t = 0; t < domain.cell_count(); ++t) {
+    Eigen::Matrix<double, 3, 2> x;
+    Eigen::Matrix<double, 3, 2> u;
+    for (int i = 0; i < 3; ++i) {
+      x.row(i) = domain.positions().row(domain.cells()(t, i));
+      u.row(i) = U.row(domain.cells()(t, i));
+    }
+    const auto [i0, i1] = cell_range(x.col(0).minCoeff(), x.col(0).maxCoeff(), 0);
+    const auto [j0, j1] = cell_range(x.col(1).minCoeff(), x.col(1).maxCoeff(), 1);
+    const auto G = domain.gradient(t);
+    for (Index i = i0; i <= i1; ++i) {
+      for (Index j = j0; j <= j1; ++j) {
+        const Eigen::RowVector2d point =
+            low + Eigen::RowVector2d((i + 0.5) * extent[0] / lattice, (j + 0.5) * extent[1] / lattice);
+        Eigen::RowVector3d barycentric = (point - x.row(0)) * G;
+        barycentric[0] += 1.0;
+        if (barycentric.minCoeff() >= -1e-12) images.row(i * lattice + j) = barycentric * u;
+      }
+    }
+  }
+  return images;
+}
+
+// How far moved vertices stick out: the largest distance of one from the mean of its neighbours.
+double spike_height(const Domain& domain, const Matrix& U, const std::vector<Index>& moved) {
+  if (moved.empty()) return 0.0;
+  std::vector<int> place(domain.vertex_count(), -1);
+  for (std::size_t i = 0; i < moved.size(); ++i) place[moved[i]] = static_cast<int>(i);
+  const auto d = U.cols();
+  // Every cell that a neighbour shares with the vertex counts it once: twice on triangles inside, which leaves the
+  // mean.
+  Matrix sums = Matrix::Zero(static_cast<Index>(moved.size()), d);
+  Vector counts = Vector::Zero(static_cast<Index>(moved.size()));
+  for (Index t = 0; t < domain.cell_count(); ++t) {
+    for (int i = 0; i < domain.cell_size(); ++i) {
+      const int at = place[domain.cells()(t, i)];
+      if (at < 0) continue;
+      for (int j = 0; j < domain.cell_size(); ++j) {
+        if (j == i) continue;
+        sums.row(at) += U.row(domain.cells()(t, j));
+        counts[at] += 1.0;
+      }
+    }
+  }
+  double height = 0.0;
+  for (std::size_t i = 0; i < moved.size(); ++i) {
+    const auto row = static_cast<Index>(i);
+    height = std::max(height, (U.row(moved[i]) - sums.row(row) / counts[row]).norm());
+  }
+  return height;
+}
+
+Matrix start_state(const Study& study) {
+  if (study.solver.start != "rest") {
+    const EnergyEntry& entry = energies().find(study.solver.start);
+    const auto start = entry.make(Parameters(entry.parameters));
+    return Problem(study.domain, *start, study.norm.options, study.constraints).solve(*study.solver.linear);
+  }
+  Matrix U = study.domain.positions();
+  for (const auto& fixed : study.constraints.fixed()) U.row(fixed.vertex) = fixed.value;
+  return U;
+}
+
+PointResult run(const Config& config) {
+  const ConfigNode root = config.root();
+  const LoadedDomain loaded = load_domain(root.at("domain"), config.folder());
+  const Domain& domain = loaded.domain;
+  const auto energy = read_energy(root.at("energy"), false);
+  const EnergyTraits traits = root.at("energy").at("type").located([&] { return energy->traits(domain); });
+  if (traits.dimension() != domain.ambient_dimension()) {
+    root.at("energy").at("type").fail(
+        fmt::format("this energy maps a {} mesh to dimension {}: no deformation (see pipeline parametrize)",
+                    to_string(domain.kind()), traits.dimension()));
+  }
+  const NormChoice norm = read_norm(config);
+  SolverChoice solver = read_solver(config, kStarts);
+  const LoadedConstraints constraints = load_constraints(constraint_tables(config), loaded);
+  const Index lattice = read_lattice(config);
+  if (lattice > 0 && domain.kind() != DomainKind::planar) {
+    root.at("probe").at("lattice").fail("probe points are for planar meshes");
+  }
+
+  std::vector<Index> moved = constraints.moved;
+  moved.insert(moved.end(), constraints.soft.begin(), constraints.soft.end());
+  PointResult result;
+  result.warnings = loaded.warnings;
+  set_sizes(domain, result.metrics);
+  Study study{domain, *energy, norm, constraints.constraints, solver, {}, {}};
+  study.measure = [&](const Matrix& U, Row& row) {
+    set_distortion(domain, U, row);
+    row.set("displacement", (U - domain.positions()).cwiseAbs().maxCoeff() / domain.diameter());
+    row.set("spike", spike_height(domain, U, moved));
+    if (domain.kind() == DomainKind::planar) {
+      row.set("boundary_crossings", static_cast<std::int64_t>(boundary_crossings(domain, U)));
+    }
+  };
+  if (traits.state != StateDependence::none) study.start = start_state(study);
+  Vector local;
+  const Matrix U = run_study(study, result, local);
+
+  result.mesh = loaded.as_input(U);
+  const CellDistortion cells = cell_distortion(domain, U);
+  Matrix displacement = Matrix::Zero(U.rows(), 3);
+  displacement.leftCols(U.cols()) = U - domain.positions();
+  result.fields = {local_energy_field(loaded, local),
+                   {"isometric_distortion", MeshField::On::cells, cells.isometric},
+                   {"displacement", MeshField::On::vertices, loaded.values_as_input(displacement)}};
+  MeshFigure figure;
+  figure.name = "deformed";
+  figure.mesh = {U, domain.cells()};
+  figure.cell_values = on_cells(domain, local);
+  figure.fixed_vertices = constraints.fixed;
+  figure.moved_vertices = constraints.moved;
+  figure.soft_vertices = constraints.soft;
+  figure.flipped_cells = cells.flipped;
+  result.figures = {figure};
+  if (domain.kind() == DomainKind::planar) {
+    result.probes = probe(domain, U, lattice);
+    result.probe_scale = domain.diameter();
+  }
+  return result;
+}
+
+std::vector<Metric> metrics() {
+  std::vector<Metric> own = distortion_metrics();
+  own.push_back({{"displacement"}, "largest change of a coordinate by the diameter"});
+  own.push_back({{"spike"}, "largest distance of a moved vertex from the mean of its neighbours"});
+  own.push_back({{"boundary_crossings", "crossings"}, "planar: pairs of boundary edges that cross in the result"});
+  std::vector<Metric> all = study_metrics(own);
+  all.push_back(
+      {{"map_difference"}, "with [compare]: largest distance of probe images from the reference, by the diameter"});
+  return all;
+}
+
+std::vector<Section> sections() {
+  std::vector<Section> all = study_sections(kStarts);
+  all.push_back({"probe", kProbeParameters});
+  return all;
+}
+
+}  // namespace
+
+PipelineEntry describe_deform() {
+  return {.name = "deform",
+          .doc =
+              "deforms a planar, surface or tetrahedral mesh by a regularized energy under constraints (Martinez "
+              "Esturo 2013, sec. 7.4.1 to 7.4.3)",
+          .sections = {"domain", "energy", "norm", "constraint", "solver", "probe"},
+          .parameters = sections(),
+          .metrics = metrics(),
+          .figures = {"deformed"},
+          .run = run,
+          .inputs = study_inputs,
+          .check = check};
+}
+
+}  // namespace variform

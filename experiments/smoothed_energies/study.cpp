@@ -1,0 +1,393 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "experiments/smoothed_energies/study.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "energies/energies.h"
+#include "framework/base/error.h"
+#include "framework/base/stopwatch.h"
+#include "framework/domain/quality.h"
+#include "framework/operators/distortion.h"
+#include "solvers/linear/linear_backends.h"
+#include "solvers/nonlinear/nonlinear_backends.h"
+
+namespace variform {
+namespace {
+
+const std::vector<Parameter> kNormParameters = {{.name = "beta",
+                                                 .value = 0.0,
+                                                 .doc = "regularization weight, or \"auto\": see [norm.auto]",
+                                                 .min = 0.0,
+                                                 .max = 1.0,
+                                                 .max_open = true},
+                                                {.name = "facet_weight",
+                                                 .value = std::string("facet_measure"),
+                                                 .doc = "weight of residual jumps",
+                                                 .choices = facet_weight_names()},
+                                                {.name = "regularizer",
+                                                 .value = std::string("energy_smoothness"),
+                                                 .doc = "what beta weighs",
+                                                 .choices = {"energy_smoothness", "tikhonov"}}};
+
+const std::vector<Parameter> kAutoParameters = {
+    {.name = "method",
+     .value = std::string("smallest"),
+     .doc = "smallest beta that fulfils `until`, or the corner of the L-curve of energy and energy_R",
+     .choices = {"smallest", "l_curve"}},
+    {.name = "until", .value = std::string("flipped == 0"), .doc = "condition on metrics"},
+    {.name = "start", .value = 0.05, .doc = "first positive value tried", .min = 1e-12, .max = 1.0, .max_open = true},
+    {.name = "tolerance", .value = 0.05, .doc = "width of the bracket, relative to beta", .min = 1e-12, .max = 1.0},
+    {.name = "low", .value = 1e-3, .doc = "l_curve: smallest value", .min = 1e-12, .max = 1.0, .max_open = true},
+    {.name = "high", .value = 0.999, .doc = "largest value tried", .min = 1e-12, .max = 1.0, .max_open = true},
+    {.name = "count", .value = std::int64_t{13}, .doc = "l_curve: number of values", .min = 3.0, .max = 1000.0},
+    {.name = "warm_start",
+     .value = false,
+     .doc = "nonlinear runs go on from the last trial's result; results may depend on the path"}};
+
+std::vector<Parameter> solver_parameters(const std::vector<std::string>& starts) {
+  return {
+      {.name = "linear", .value = std::string("auto"), .doc = "linear backend", .choices = linear_backends().names()},
+      {.name = "nonlinear",
+       .value = std::string("local_global"),
+       .doc = "nonlinear backend",
+       .choices = nonlinear_backends().names()},
+      {.name = "tolerance", .value = 1e-6, .doc = "largest step at convergence, relative to the diameter", .min = 0.0},
+      {.name = "max_iterations", .value = std::int64_t{500}, .doc = "of the nonlinear backend", .min = 1.0, .max = 1e9},
+      {.name = "start", .value = starts.front(), .doc = "where nonlinear backends start", .choices = starts}};
+}
+
+// A parameter list without one of its entries: for a key whose value may be of another type.
+std::vector<Parameter> without(const std::vector<Parameter>& parameters, const std::string& name) {
+  std::vector<Parameter> rest;
+  for (const Parameter& parameter : parameters) {
+    if (parameter.name != name) rest.push_back(parameter);
+  }
+  return rest;
+}
+
+BetaSearch read_search(const ConfigNode& norm) {
+  Parameters p(kAutoParameters);
+  if (norm.has("auto")) p = norm.at("auto").parameters(kAutoParameters);
+  BetaSearch search;
+  search.l_curve = p.string("method") == "l_curve";
+  const auto read_condition = [&] { return Condition(p.string("until")); };
+  const Condition until = norm.has("auto") && norm.at("auto").has("until")
+                              ? norm.at("auto").at("until").located(read_condition)
+                              : read_condition();
+  search.threshold = smallest_beta(until, p.number("start"), p.number("tolerance"), p.number("high"));
+  search.threshold.key = "norm.beta";
+  search.corner = {.residual = "energy",
+                   .regularizer = "energy_R",
+                   .low = p.number("low"),
+                   .high = p.number("high"),
+                   .count = static_cast<int>(p.integer("count"))};
+  if (search.l_curve && !(search.corner.low < search.corner.high)) norm.at("auto").fail("expected low < high");
+  if (!search.l_curve && p.number("start") > p.number("high")) norm.at("auto").fail("expected start <= high");
+  search.warm_start = p.boolean("warm_start");
+  return search;
+}
+
+struct Outcome {
+  Matrix U;
+  EnergyValue value;
+  Matrix residual;
+  bool converged = true;
+  int iterations = 1;
+  Index undefined_targets = 0;
+  std::vector<Curve> history;
+  std::string reason;
+};
+
+Outcome minimize(Problem& problem, SolverChoice& solver, const Matrix& start) {
+  Outcome outcome;
+  if (problem.traits().state == StateDependence::none) {
+    outcome.U = problem.solve(*solver.linear);
+  } else {
+    ProblemObjective objective(problem, *solver.linear);
+    outcome.U = solver.nonlinear->minimize(objective, start, solver.options);
+    const NonlinearReport& report = solver.nonlinear->report();
+    outcome.converged = report.converged;
+    outcome.reason = report.reason;
+    outcome.iterations = report.iterations;
+    outcome.undefined_targets = objective.undefined_targets();
+    Curve energies_curve{"E", {}, {}};
+    Curve steps{"step", {}, {}};
+    for (const NonlinearStep& step : report.history) {
+      energies_curve.x.push_back(step.iteration);
+      energies_curve.y.push_back(step.energy.objective());
+      if (step.iteration == 0) continue;
+      steps.x.push_back(step.iteration);
+      steps.y.push_back(step.step);
+    }
+    outcome.history = {energies_curve, steps};
+    problem.refresh_target(outcome.U);
+  }
+  outcome.value = problem.value(outcome.U);
+  outcome.residual = problem.residual(outcome.U);
+  return outcome;
+}
+
+void set_energies(const Problem& problem, const Outcome& outcome, Row& row) {
+  row.set("energy", outcome.value.plain);
+  row.set("energy_R", outcome.value.variation);
+  row.set("energy_W", outcome.value.total);
+  row.set("energy_mean", outcome.value.plain / problem.domain().total_measure());
+  row.set("local_energy_max", outcome.residual.rowwise().squaredNorm().maxCoeff());
+}
+
+}  // namespace
+
+std::unique_ptr<Energy> read_energy(const ConfigNode& node, bool velocities) {
+  const ConfigNode type = node.at("type");
+  const EnergyEntry& entry = type.located([&]() -> const EnergyEntry& { return energies().find(type.string()); });
+  if (entry.velocities != velocities) {
+    type.fail(velocities ? fmt::format("energy '{}' is not one of velocity fields", entry.name)
+                         : fmt::format("energy '{}' is one of velocity fields: see pipeline vector_field", entry.name));
+  }
+  const Parameters parameters = node.parameters(entry.parameters, {"type"});
+  return node.located([&] { return entry.make(parameters); });
+}
+
+NormChoice read_norm(const Config& config) {
+  if (!config.root().has("norm")) return {};
+  const ConfigNode node = config.root().at("norm");
+  NormChoice choice;
+  const bool searches = node.has("beta") && std::holds_alternative<std::string>(node.at("beta").value().data);
+  if (searches && node.at("beta").string() != "auto") node.at("beta").fail("expected a number in [0, 1) or \"auto\"");
+  const Parameters p =
+      node.parameters(searches ? without(kNormParameters, "beta") : kNormParameters,
+                      searches ? std::vector<std::string>{"beta", "auto"} : std::vector<std::string>{"auto"});
+  choice.options = {0.0, facet_weight_from(p.string("facet_weight")),
+                    p.string("regularizer") == "tikhonov" ? Regularizer::tikhonov : Regularizer::energy_smoothness};
+  const BetaSearch search = read_search(node);  // checked, whether it is used or not
+  if (searches) {
+    choice.search = search;
+  } else {
+    choice.options.beta = p.number("beta");
+  }
+  return choice;
+}
+
+SolverChoice read_solver(const Config& config, const std::vector<std::string>& starts) {
+  const std::vector<Parameter> declared = solver_parameters(starts);
+  Parameters p(declared);
+  std::optional<ConfigNode> node;
+  if (config.root().has("solver")) {
+    node = config.root().at("solver");
+    p = node->parameters(declared, {"linear_options", "nonlinear_options"});
+  }
+  const auto options_of = [&](const char* key, const std::vector<Parameter>& parameters) {
+    return node && node->has(key) ? node->at(key).parameters(parameters) : Parameters(parameters);
+  };
+  const LinearBackendEntry& linear = linear_backends().find(p.string("linear"));
+  const Parameters linear_options = options_of("linear_options", linear.parameters);
+  const NonlinearBackendEntry& nonlinear = nonlinear_backends().find(p.string("nonlinear"));
+  SolverChoice solver;
+  const auto make_linear = [&] { return make_linear_backend(linear.name, linear_options); };
+  solver.linear = node && node->has("linear") ? node->at("linear").located(make_linear) : make_linear();
+  solver.nonlinear = nonlinear.make(options_of("nonlinear_options", nonlinear.parameters));
+  solver.options = {p.number("tolerance"), static_cast<int>(p.integer("max_iterations"))};
+  solver.start = p.string("start");
+  return solver;
+}
+
+std::vector<Section> study_sections(const std::vector<std::string>& starts) {
+  return {{"norm", kNormParameters}, {"norm.auto", kAutoParameters}, {"solver", solver_parameters(starts)}};
+}
+
+std::vector<ConfigNode> constraint_tables(const Config& config) {
+  return config.root().has("constraint") ? config.root().at("constraint").elements() : std::vector<ConfigNode>();
+}
+
+std::vector<std::filesystem::path> study_inputs(const Config& config) {
+  const ConfigNode domain = config.root().at("domain");
+  if (!domain.has("mesh")) return {};
+  return {find_input(domain.at("mesh").string(), config.folder())};
+}
+
+Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
+  const Stopwatch total;
+  if (study.domain.facet_count() == 0 && (study.norm.options.beta > 0.0 || study.norm.search))
+    result.warnings.emplace_back("the mesh has no interior facets: beta has no effect");
+  Problem problem(study.domain, study.energy, study.norm.options, study.constraints);
+  Outcome outcome;
+  double beta = study.norm.options.beta;
+  Matrix start = study.start;
+  bool fresh = false;
+  const auto at = [&](double value) {
+    beta = value;
+    problem.set_beta(value);
+    outcome = minimize(problem, study.solver, start);
+    fresh = true;
+    if (study.norm.search && study.norm.search->warm_start) start = outcome.U;
+    Row row;
+    set_energies(problem, outcome, row);
+    study.measure(outcome.U, row);
+    row.set("iterations", static_cast<std::int64_t>(outcome.iterations));
+    row.set("converged", outcome.converged);
+    return row;
+  };
+  Row measured;
+  std::optional<Trials> trials;
+  if (study.norm.search) {
+    const BetaSearch& search = *study.norm.search;
+    trials = search.l_curve ? l_curve(search.corner, at) : find_threshold(search.threshold, at);
+    if (!trials->found) {
+      result.warnings.push_back(
+          search.l_curve ? "the L-curve has no corner"
+                         : fmt::format("no beta up to {} fulfils '{}'", trials->high, search.threshold.until.text()));
+    }
+    for (const std::string& remark : trials->remarks) result.warnings.push_back("search for beta: " + remark);
+    const double answer = trials->found ? trials->value : trials->high;
+    fresh = fresh && beta == answer;
+    if (!fresh) measured = at(answer);
+    Row row;
+    set_energies(problem, outcome, row);
+    study.measure(outcome.U, row);
+    measured = row;
+  } else {
+    measured = at(beta);
+  }
+  if (!outcome.converged) result.warnings.push_back("not converged: " + outcome.reason);
+  result.history = outcome.history;
+
+  Row& row = result.metrics;
+  row.set("beta", beta);
+  row.set("facet_weight", to_string(study.norm.options.facet_weight));
+  if (trials) {
+    row.set("beta_found", trials->found);
+    row.set("beta_low", trials->low);
+    row.set("beta_high", trials->high);
+    row.set("beta_trials", static_cast<std::int64_t>(trials->rows.size()));
+    row.set("analyses", static_cast<std::int64_t>(study.solver.linear->report().analyses));
+    result.trials.push_back(std::move(*trials));
+  }
+  for (const auto& [key, value] : measured.entries()) row.set(key, value);
+  double soft_error = 0.0;
+  for (const auto& soft : study.constraints.soft())
+    soft_error = std::max(soft_error, (outcome.U.row(soft.vertex) - soft.value).norm());
+  double hard_error = 0.0;
+  for (const auto& fixed : study.constraints.fixed())
+    hard_error = std::max(hard_error, (outcome.U.row(fixed.vertex) - fixed.value).norm());
+  row.set("soft_error", soft_error);
+  row.set("hard_error", hard_error);
+  row.set("iterations", static_cast<std::int64_t>(outcome.iterations));
+  row.set("converged", outcome.converged);
+  row.set("undefined_targets", static_cast<std::int64_t>(outcome.undefined_targets));
+  row.set("nonlinear", problem.traits().state == StateDependence::none ? "" : study.solver.nonlinear->report().backend);
+  const LinearReport& linear = study.solver.linear->report();
+  row.set("solver", linear.backend);
+  row.set("solver_residual", linear.residual);
+  row.set("unknowns", static_cast<std::int64_t>(linear.columns));
+  row.set("nnz_H", static_cast<std::int64_t>(linear.nnz_matrix));
+  row.set("nnz_L", linear.nnz_factor >= 0 ? Value(static_cast<std::int64_t>(linear.nnz_factor)) : Value());
+  row.set("flops", linear.flops >= 0.0 ? Value(linear.flops) : Value());
+  const ProblemTimes& times = problem.times();
+  row.set("seconds_declare", times.declare);
+  row.set("seconds_pattern", times.pattern);
+  row.set("seconds_refill", times.refill);
+  row.set("seconds_analyze", times.analyze);
+  row.set("seconds_factorize", times.factorize);
+  row.set("seconds_solve", times.solve);
+  row.set("seconds_total", total.seconds());
+  local_energy = outcome.residual.rowwise().squaredNorm();
+  return outcome.U;
+}
+
+std::vector<Metric> study_metrics(const std::vector<Metric>& own) {
+  std::vector<Metric> metrics = {
+      {{"vertices"}, "vertices of the mesh"},
+      {{"cells"}, "triangles or tetrahedra"},
+      {{"measure_ratio", "measure max/min"}, "largest by smallest cell measure at rest"},
+      {{"radius_ratio", "radius ratio"}, "largest circumradius by inradius of a cell at rest"},
+      {{"beta"}, "regularization weight of the row"},
+      {{"facet_weight", "facet weight"}, "weight of residual jumps of the row"},
+      {{"beta_found"}, "with beta = \"auto\": whether the search found what it looked for"},
+      {{"beta_low"}, "with beta = \"auto\": lower end of the bracket"},
+      {{"beta_high"}, "with beta = \"auto\": upper end of the bracket"},
+      {{"beta_trials"}, "with beta = \"auto\": values tried"},
+      {{"analyses"}, "with beta = \"auto\": symbolic analyses for all trials"},
+      {{"energy", "E_P"}, "unregularized energy, sum of A_t |r_t|^2"},
+      {{"energy_R", "E_R"}, "variation of the residual, sum of b_f |r_l - r_r|^2"},
+      {{"energy_W", "E_W"}, "regularized energy ||r||^2_W"},
+      {{"energy_mean", "E_P / measure"}, "unregularized energy by rest measure"},
+      {{"local_energy_max", "max |r|²"}, "largest |r_t|^2"}};
+  metrics.insert(metrics.end(), own.begin(), own.end());
+  const std::vector<Metric> rest = {
+      {{"soft_error", "soft error"}, "largest distance of a softly constrained vertex from its target"},
+      {{"hard_error", "hard error"}, "largest distance of a fixed vertex from its target"},
+      {{"iterations"}, "of the nonlinear backend; 1 for linear energies"},
+      {{"converged"}, "whether the stopping rule held (an iteration limit is not convergence)"},
+      {{"undefined_targets"}, "cells, summed over iterations, whose closest rotation was undefined"},
+      {{"nonlinear"}, "nonlinear backend; none for linear energies"},
+      {{"solver"}, "linear backend that did the work"},
+      {{"solver_residual", "residual", "", 2}, "relative residual of the last solve"},
+      {{"unknowns"}, "of the linear system"},
+      {{"nnz_H"}, "entries of its lower triangle"},
+      {{"nnz_L"}, "entries of the factor"},
+      {{"flops", "flops", "", 3}, "of one factorization"},
+      {{"seconds_declare", "declare", "s", 3}, "time to declare E, c and W"},
+      {{"seconds_pattern", "pattern", "s", 3}, "time for the sparsity pattern"},
+      {{"seconds_refill", "refill", "s", 3}, "time to fill in values"},
+      {{"seconds_analyze", "analyze", "s", 3}, "time of the symbolic analysis"},
+      {{"seconds_factorize", "factorize", "s", 3}, "time of the numeric factorization"},
+      {{"seconds_solve", "solve", "s", 3}, "time of right-hand sides and solves"},
+      {{"seconds_total", "total", "s", 3}, "wall time of the point"}};
+  metrics.insert(metrics.end(), rest.begin(), rest.end());
+  return metrics;
+}
+
+std::vector<Metric> distortion_metrics() {
+  return {
+      {{"flipped"}, "cells whose orientation is not positive relative to rest (surfaces in space: degenerate ones)"},
+      {{"min_det", "min det"}, "smallest determinant of the deformation gradient"},
+      {{"area_ratio", "area ratio"}, "signed measure by rest measure"},
+      {{"E_isom"}, "isometric distortion, mean of sum (sigma_i - 1)^2"},
+      {{"E_conf"}, "conformal distortion"},
+      {{"E_auth"}, "authalic distortion"},
+      {{"E_metr"}, "metric distortion"},
+      {{"E_sdir"}, "symmetric Dirichlet energy, mean of sum sigma_i^2 + sigma_i^-2; infinite with flips"},
+      {{"max_conf_ratio", "max σ₁/σ₂"}, "largest ratio of singular values; infinite with flips"}};
+}
+
+void set_sizes(const Domain& domain, Row& row) {
+  row.set("vertices", static_cast<std::int64_t>(domain.vertex_count()));
+  row.set("cells", static_cast<std::int64_t>(domain.cell_count()));
+  const MeshQuality quality = mesh_quality(domain);
+  row.set("measure_ratio", quality.measure_ratio);
+  row.set("radius_ratio", quality.max_radius_ratio);
+}
+
+void set_distortion(const Domain& domain, const Matrix& U, Row& row) {
+  const Distortion errors = distortion(domain, U);
+  row.set("flipped", static_cast<std::int64_t>(errors.flipped.size()));
+  row.set("min_det", errors.min_determinant);
+  row.set("area_ratio", errors.area_ratio);
+  row.set("E_isom", errors.isometric);
+  row.set("E_conf", errors.conformal);
+  row.set("E_auth", errors.authalic);
+  row.set("E_metr", errors.metric);
+  row.set("E_sdir", errors.symmetric_dirichlet);
+  row.set("max_conf_ratio", errors.max_conformal_ratio);
+}
+
+MeshField local_energy_field(const LoadedDomain& loaded, const Vector& local_energy) {
+  if (local_energy.size() == loaded.domain.cell_count()) {
+    return {"local_energy", MeshField::On::cells, local_energy};
+  }
+  return {"local_energy", MeshField::On::vertices, loaded.values_as_input(local_energy)};
+}
+
+Vector on_cells(const Domain& domain, const Vector& values) {
+  if (values.size() == domain.cell_count()) return values;
+  Vector result = Vector::Zero(domain.cell_count());
+  for (Index t = 0; t < domain.cell_count(); ++t) {
+    for (int i = 0; i < domain.cell_size(); ++i) result[t] += values[domain.cells()(t, i)] / domain.cell_size();
+  }
+  return result;
+}
+
+}  // namespace variform

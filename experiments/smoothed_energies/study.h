@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "framework/experiment/constraint_source.h"
+#include "framework/experiment/domain_source.h"
+#include "framework/experiment/pipeline.h"
+#include "framework/experiment/search.h"
+#include "framework/form/problem.h"
+
+namespace variform {
+
+/// How beta = "auto" is found; [norm.auto] in a config.
+struct BetaSearch {
+  bool l_curve = false;  ///< corner of the L-curve instead of the smallest value that fulfils a condition
+  ThresholdSearch threshold = {};
+  LCurveSearch corner = {};
+  bool warm_start = false;  ///< nonlinear runs start from the last trial's result instead of the start of the study
+};
+
+/// [norm] of a config.
+struct NormChoice {
+  NormOptions options = {};
+  std::optional<BetaSearch> search = {};
+};
+
+/// [solver] of a config.
+struct SolverChoice {
+  std::unique_ptr<LinearBackend> linear;
+  std::unique_ptr<NonlinearBackend> nonlinear;
+  NonlinearOptions options = {};
+  std::string start = {};
+};
+
+/// What the pipelines of this chapter share: a regularized energy on a domain under constraints, minimized once or for
+/// the beta that a search asks for.
+struct Study {
+  const Domain& domain;
+  const Energy& energy;
+  const NormChoice& norm;
+  const Constraints& constraints;
+  SolverChoice& solver;
+  Matrix start;  ///< of nonlinear backends, |V| x d, constraints satisfied
+  /// Metrics of a result U that only the pipeline knows; the condition of a search may ask for them.
+  std::function<void(const Matrix& U, Row& row)> measure;
+};
+
+/// Runs a study and returns the result U (|V| x d). Puts the metrics of study_metrics() and of Study::measure, the
+/// convergence history, the trials of a search and warnings into `result`; local_energy becomes |r_s|^2 of each site.
+Matrix run_study(Study& study, PointResult& result, Vector& local_energy);
+
+/// All metrics of run_study, in order, for PipelineEntry::metrics; `own` in between, after the energies.
+std::vector<Metric> study_metrics(const std::vector<Metric>& own);
+/// Metrics of a map's distortion, as set_distortion fills them in.
+std::vector<Metric> distortion_metrics();
+
+/// Reads [energy]; velocities: which of the energies make sense. Throws UsageError naming the key.
+std::unique_ptr<Energy> read_energy(const ConfigNode& node, bool velocities);
+NormChoice read_norm(const Config& config);
+/// starts: accepted values of solver.start, the first is the default.
+SolverChoice read_solver(const Config& config, const std::vector<std::string>& starts);
+/// The parameters of [norm], [norm.auto] and [solver], for listings.
+std::vector<Section> study_sections(const std::vector<std::string>& starts);
+std::vector<ConfigNode> constraint_tables(const Config& config);
+/// The mesh file of [domain], if any.
+std::vector<std::filesystem::path> study_inputs(const Config& config);
+
+/// Sizes and quality of the mesh, for the head of a row.
+void set_sizes(const Domain& domain, Row& row);
+void set_distortion(const Domain& domain, const Matrix& U, Row& row);
+/// Fields of a result for the VTU, per cell or vertex as the energy has its residuals.
+MeshField local_energy_field(const LoadedDomain& loaded, const Vector& local_energy);
+/// Values per cell for colours: those of vertices averaged.
+Vector on_cells(const Domain& domain, const Vector& values);
+
+}  // namespace variform
