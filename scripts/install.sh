@@ -6,7 +6,7 @@ set -euo pipefail
 
 packages=(
   g++ cmake ninja-build ccache pkg-config
-  libeigen3-dev libopenblas-dev libtbb-dev libfmt-dev
+  libeigen3-dev libopenblas-dev libtbb-dev libboost-graph-dev libfmt-dev
   libtomlplusplus-dev libcli11-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
   libcairo2-dev fonts-dejavu-core gnuplot-nox libjs-three
   libgtest-dev libgmock-dev libbenchmark-dev

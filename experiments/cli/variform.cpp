@@ -298,6 +298,11 @@ void list(const std::string& what) {
       fmt::print("  {:<22}{}\n", e.name, e.doc);
       list_parameters(e.parameters);
     }
+    fmt::print("changes of the mesh\n");
+    for (const DomainModifier& e : domain_modifiers()) {
+      fmt::print("  {:<22}{}\n", fmt::format("[domain.{}]", e.name), e.doc);
+      list_parameters(e.parameters);
+    }
   }
   if (wanted("norms")) {
     fmt::print("facet weights ([norm] facet_weight)\n");

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
+
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -48,7 +50,47 @@ Mesh annulus_mesh(double inner_radius, double outer_radius, double h);
 Mesh bar_surface_mesh(double length, double width, double height, double h);
 
 /// The same box filled with tetrahedra (Kuhn subdivision of a grid), all positive. Its boundary is bar_surface_mesh.
-Mesh bar_tet_mesh(double length, double width, double height, double h);
+/// Interior vertices move by up to `jitter` of a grid cell, in [0, 0.45]; by less where a cell would turn over.
+Mesh bar_tet_mesh(double length, double width, double height, double h, double jitter = 0.0, std::uint64_t seed = 1);
+
+/// The sheet (x, y, height exp(-sharpness |(x, y) - centre|^2)) over a rectangle, which gives h, tessellation and
+/// jitter; seen from above its triangles are counter-clockwise. A negative height makes a dent.
+struct BumpOptions {
+  RectangleOptions base = {};
+  double height = 0.3;
+  double sharpness = 20.0;
+  Eigen::Vector2d centre = {0.5, 0.5};
+};
+Mesh bump_mesh(const BumpOptions& options);
+
+/// The rectangle [0, pi radius] x [0, length], of which h, tessellation, jitter, grading and seed are taken from
+/// `sheet`, bent without stretch over the upper half of the cylinder of this radius about the y axis, from x = -radius
+/// to x = radius. Open, outward normals.
+Mesh half_cylinder_mesh(double radius, double length, const RectangleOptions& sheet);
+
+/// Geodesic sphere about the origin: an icosahedron, every face of which is cut into n^2 triangles, put on the sphere.
+/// n is such that the edges of the icosahedron, as arcs, get steps of about h, which is at most the radius times the
+/// arc, 1.107. 10 n^2 + 2 vertices, of which the first 12 are those of the icosahedron; 20 n^2 cells; outward normals.
+Mesh sphere_mesh(double radius, double h);
+
+/// Torus about the z axis, closed, outward normals: circles of the minor radius around the circle of the major one,
+/// which is larger. A structured grid with steps of about h, at least 3 in each direction, where it is widest.
+Mesh torus_mesh(double major_radius, double minor_radius, double h);
+
+/// The unit square with three swellings: balls of radius 0.14 that reach up to z = 0.35 and hang over a narrower neck,
+/// which a fillet joins to the sheet without a crease. A disk whose parametrization is hard: around the neck, 0.54
+/// long, there is 10 times the area of the circle of that length. (In the spirit of the model "3-balls" of Martinez
+/// Esturo 2013, Figure 53, of which no data is published.) The sheet is a rectangle with the h, tessellation, jitter
+/// and seed of `sheet` (h at most 0.1); on the swellings edges are up to 2.5 times as long. Upward and outward normals.
+Mesh three_balls_mesh(const RectangleOptions& sheet);
+
+/// A sheet that is curved like the hood of a car (in the spirit of the beetle's in Martinez Esturo 2013, Figures 50 and
+/// 51, of which no data is published): the image of u in [-1, 1], v in [0, 1] under
+///   x = 0.6 u (1 - 0.3 v^2),  y = v,  z = 0.3 - 0.06 u^2 - 0.08 v^2 - 0.12 u^8 - 0.12 v^8,
+/// gently curved in both directions, narrower to the front (v = 1), with a rim that bends down at the sides and the
+/// front, and open at the rear. The grid of (0.6 u, v) has the h, tessellation, jitter and seed of `sheet`. Upward
+/// normals.
+Mesh hood_mesh(const RectangleOptions& sheet);
 
 /// Names of the planar silhouettes with thin limbs: "figure" (a person with thin arms and legs), "giraffe" (long neck,
 /// thin legs, tail), "frog" (splayed thin legs), "cactus" (branching).

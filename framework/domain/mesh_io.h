@@ -26,6 +26,8 @@ struct ReadOptions {
 struct MeshFile {
   Mesh mesh;                          ///< positions are vertices x 3; x 2 only where the format is two-dimensional
   std::vector<std::string> warnings;  ///< what was ignored or changed while reading, one sentence each
+  Matrix uv;             ///< texture coordinates, n x 2: of OBJ files that give them on all faces, else 0 x 0
+  IndexMatrix uv_cells;  ///< cells x 3, the row of uv at each corner; 0 x 0 without uv
 };
 
 /// Reads a mesh by its extension: .obj .off .ply .stl .mesh .msh .vtu, each also gzipped (.gz appended).
@@ -41,6 +43,13 @@ MeshFile read_mesh(const std::filesystem::path& path, const ReadOptions& options
 /// (UsageError). Throws DataError when the file cannot be written, and for meshes that no reader would accept: indices
 /// out of range, coordinates that are not finite.
 void write_mesh(const std::filesystem::path& path, const Mesh& mesh, const std::vector<MeshField>& fields = {});
+
+/// Writes a triangle mesh with texture coordinates to an .obj file: uv (n x 2), and for every corner of every cell its
+/// row of uv (cells x 3). Where the two cells at an edge have different rows is a seam: a surface that was cut for its
+/// parametrization is written uncut, with `cells` of the uncut and `uv_cells` of the cut mesh. What read_mesh gives
+/// back is the same to the last bit. Throws as write_mesh does, UsageError for sizes that do not fit, DataError for
+/// rows of uv that do not exist and coordinates that are not finite.
+void write_obj_uv(const std::filesystem::path& path, const Mesh& mesh, const Matrix& uv, const IndexMatrix& uv_cells);
 
 /// Extensions that read_mesh and write_mesh know, with the dot.
 const std::vector<std::string>& mesh_extensions();

@@ -4,14 +4,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
+#include <set>
 
 #include "framework/base/error.h"
 #include "framework/domain/check.h"
 #include "framework/domain/generators.h"
 #include "framework/domain/mesh_io.h"
 #include "framework/experiment/pipeline.h"
+#include "framework/topology/topology.h"
 
 namespace variform {
 namespace {
@@ -24,40 +27,80 @@ Parameter positive(const std::string& name, double value, const std::string& doc
 
 Parameter edge_length(double value) { return positive("h", value, "edge length of the cells"); }
 
-std::vector<Parameter> rectangle_parameters(double width, double height) {
-  return {positive("width", width, "extent in x"),
-          positive("height", height, "extent in y"),
-          edge_length(1.0 / 32),
+Parameter jitter_parameter(double value) {
+  return {.name = "jitter",
+          .value = value,
+          .doc = "interior vertices move by up to this fraction of a grid cell",
+          .min = 0.0,
+          .max = 0.45};
+}
+
+Parameter seed_parameter() {
+  return {.name = "seed", .value = std::int64_t{1}, .doc = "of the random numbers", .min = 0.0};
+}
+
+/// How a rectangle, flat or bent, is cut into triangles.
+std::vector<Parameter> sheet_parameters(double h) {
+  return {edge_length(h),
           {.name = "tessellation",
            .value = std::string("random"),
            .doc = "how quads are cut into triangles",
            .choices = kTessellations},
-          {.name = "jitter",
-           .value = 0.0,
-           .doc = "interior vertices move by up to this fraction of a grid cell",
-           .min = 0.0,
-           .max = 0.45},
+          jitter_parameter(0.0),
           {.name = "grading",
            .value = 1.16,
            .doc = "ratio of neighbouring columns and rows, for tessellation = \"graded\"",
            .min = 1.0},
-          {.name = "seed", .value = std::int64_t{1}, .doc = "of the random numbers", .min = 0.0}};
+          seed_parameter()};
+}
+
+std::vector<Parameter> operator+(std::vector<Parameter> a, const std::vector<Parameter>& b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
+
+std::vector<Parameter> rectangle_parameters(double width, double height) {
+  return std::vector<Parameter>{positive("width", width, "extent in x"), positive("height", height, "extent in y")} +
+         sheet_parameters(1.0 / 32);
+}
+
+RectangleOptions sheet_options(const Parameters& p) {
+  const auto at = std::find(kTessellations.begin(), kTessellations.end(), p.string("tessellation"));
+  return {.h = p.number("h"),
+          .tessellation = static_cast<Tessellation>(at - kTessellations.begin()),
+          .jitter = p.number("jitter"),
+          .grading = p.number("grading"),
+          .seed = static_cast<std::uint64_t>(p.integer("seed"))};
 }
 
 Mesh make_rectangle(const Parameters& p) {
-  const auto at = std::find(kTessellations.begin(), kTessellations.end(), p.string("tessellation"));
-  return rectangle_mesh({.width = p.number("width"),
-                         .height = p.number("height"),
-                         .h = p.number("h"),
-                         .tessellation = static_cast<Tessellation>(at - kTessellations.begin()),
-                         .jitter = p.number("jitter"),
-                         .grading = p.number("grading"),
-                         .seed = static_cast<std::uint64_t>(p.integer("seed"))});
+  RectangleOptions options = sheet_options(p);
+  options.width = p.number("width");
+  options.height = p.number("height");
+  return rectangle_mesh(options);
 }
 
-std::vector<Parameter> bar_parameters() {
-  return {positive("length", 4.0, "extent in x"), positive("width", 1.0, "extent in y"),
-          positive("height", 1.0, "extent in z"), edge_length(0.125)};
+Mesh make_bump(const Parameters& p) {
+  const std::vector<double>& centre = p.numbers("centre");
+  if (centre.size() != 2) throw UsageError(fmt::format("'centre': expected 2 numbers, found {}", centre.size()));
+  return bump_mesh({.base = sheet_options(p),
+                    .height = p.number("height"),
+                    .sharpness = p.number("sharpness"),
+                    .centre = {centre[0], centre[1]}});
+}
+
+std::vector<Parameter> bar_parameters(double length, double h) {
+  return {positive("length", length, "extent in x"), positive("width", 1.0, "extent in y"),
+          positive("height", 1.0, "extent in z"), edge_length(h)};
+}
+
+std::vector<Parameter> bar_tet_parameters(double length, double h, double jitter) {
+  return bar_parameters(length, h) + std::vector<Parameter>{jitter_parameter(jitter), seed_parameter()};
+}
+
+Mesh make_bar_tet(const Parameters& p) {
+  return bar_tet_mesh(p.number("length"), p.number("width"), p.number("height"), p.number("h"), p.number("jitter"),
+                      static_cast<std::uint64_t>(p.integer("seed")));
 }
 
 std::vector<GeneratorEntry> make_generators() {
@@ -75,13 +118,41 @@ std::vector<GeneratorEntry> make_generators() {
        [](const Parameters& p) {
          return annulus_mesh(p.number("inner_radius"), p.number("outer_radius"), p.number("h"));
        }},
-      {"bar_surface", "surface of a box", bar_parameters(),
+      {"bar_surface", "surface of a box", bar_parameters(4.0, 0.125),
        [](const Parameters& p) {
          return bar_surface_mesh(p.number("length"), p.number("width"), p.number("height"), p.number("h"));
        }},
-      {"bar_tet", "box filled with tetrahedra", bar_parameters(), [](const Parameters& p) {
-         return bar_tet_mesh(p.number("length"), p.number("width"), p.number("height"), p.number("h"));
-       }}};
+      {"bar_tet", "box filled with tetrahedra", bar_tet_parameters(4.0, 0.125, 0.0), make_bar_tet},
+      {"cube_tet", "the same with other defaults: a unit cube with jitter", bar_tet_parameters(1.0, 1.0 / 6, 0.2),
+       make_bar_tet},
+      {"bump", "the unit square with z = height exp(-sharpness |x - centre|^2)",
+       std::vector<Parameter>{
+           {.name = "height", .value = 0.3, .doc = "of the bump"},
+           positive("sharpness", 20.0, "of the bump, larger is narrower"),
+           {.name = "centre", .value = std::vector<double>{0.5, 0.5}, .doc = "of the bump, [x, y]"}} +
+           sheet_parameters(1.0 / 32),
+       make_bump},
+      {"half_cylinder", "open sheet bent over half a cylinder about the y axis",
+       std::vector<Parameter>{positive("radius", 0.5, "of the cylinder"), positive("length", 1.0, "extent in y")} +
+           sheet_parameters(1.0 / 32),
+       [](const Parameters& p) {
+         return half_cylinder_mesh(p.number("radius"), p.number("length"), sheet_options(p));
+       }},
+      {"sphere",
+       "geodesic sphere about the origin, 10 n^2 + 2 vertices",
+       {positive("radius", 1.0, "of the sphere"), edge_length(1.0 / 8)},
+       [](const Parameters& p) { return sphere_mesh(p.number("radius"), p.number("h")); }},
+      {"torus",
+       "torus about the z axis",
+       {positive("major_radius", 1.0, "of the circle in the middle of the tube"),
+        positive("minor_radius", 0.4, "of the tube"), edge_length(1.0 / 8)},
+       [](const Parameters& p) {
+         return torus_mesh(p.number("major_radius"), p.number("minor_radius"), p.number("h"));
+       }},
+      {"three_balls", "the unit square with three steep swellings like balls, hard to parametrize",
+       sheet_parameters(1.0 / 48), [](const Parameters& p) { return three_balls_mesh(sheet_options(p)); }},
+      {"hood", "sheet of 1.2 x 1 curved like the hood of a car, with a rim bent down", sheet_parameters(1.0 / 32),
+       [](const Parameters& p) { return hood_mesh(sheet_options(p)); }}};
   for (const std::string& name : silhouette_names()) {
     entries.push_back({name,
                        fmt::format("planar silhouette of a {} with thin limbs, about 1 unit across", name),
@@ -91,7 +162,7 @@ std::vector<GeneratorEntry> make_generators() {
   return entries;
 }
 
-const std::vector<std::string> kCommonKeys = {"generator", "mesh", "triangulate", "repair", "scale", "degrade"};
+const std::vector<std::string> kCommonKeys = {"generator", "mesh", "triangulate", "repair", "scale", "degrade", "cut"};
 
 const GeneratorEntry& generator_of(const ConfigNode& node) {
   const ConfigNode name = node.at("generator");
@@ -129,11 +200,43 @@ double read_scale(const ConfigNode& node) {
   return scale;
 }
 
-Parameters read_degrade(const ConfigNode& node) {
-  return node.parameters({{.name = "jitter", .value = 0.0, .doc = "", .min = 0.0, .max = 1.0},
-                          {.name = "flip_fraction", .value = 0.0, .doc = "", .min = 0.0, .max = 1.0},
-                          {.name = "refinements", .value = std::int64_t{0}, .doc = "", .min = 0.0, .max = 20.0},
-                          {.name = "seed", .value = std::int64_t{1}, .doc = "", .min = 0.0}});
+const DomainModifier& modifier(const std::string& name) {
+  const std::vector<DomainModifier>& all = domain_modifiers();
+  return *std::find_if(all.begin(), all.end(), [&](const DomainModifier& m) { return m.name == name; });
+}
+
+Parameters read_degrade(const ConfigNode& node) { return node.parameters(modifier("degrade").parameters); }
+
+/// [domain.cut], in vertices of the input.
+struct Cut {
+  std::vector<std::int64_t> path;
+  std::vector<std::array<std::int64_t, 2>> edges;
+  bool to_disk = false;
+};
+
+Cut read_cut(const ConfigNode& node) {
+  std::vector<std::string> keys;
+  for (const Parameter& p : modifier("cut").parameters) keys.push_back(p.name);
+  node.accept_keys(keys);
+  if (std::count_if(keys.begin(), keys.end(), [&](const std::string& key) { return node.has(key); }) != 1) {
+    node.fail("expected one of 'path', 'edges' and 'to_disk'");
+  }
+  Cut cut;
+  if (node.has("path")) {
+    cut.path = node.at("path").integers();
+    if (cut.path.size() < 2) node.at("path").fail("expected at least 2 vertices");
+  } else if (node.has("edges")) {
+    for (const ConfigNode& edge : node.at("edges").elements()) {
+      const std::vector<std::int64_t> ends = edge.integers();
+      if (ends.size() != 2) edge.fail("expected an edge as [vertex, vertex]");
+      cut.edges.push_back({ends[0], ends[1]});
+    }
+    if (cut.edges.empty()) node.at("edges").fail("expected at least one edge [vertex, vertex]");
+  } else {
+    cut.to_disk = node.at("to_disk").boolean();
+    if (!cut.to_disk) node.at("to_disk").fail("expected true; leave [domain.cut] out where nothing is cut");
+  }
+  return cut;
 }
 
 // The input as it is and as repaired: a planar mesh flattened, everything unscaled.
@@ -169,7 +272,104 @@ Source read_and_repaired(const ConfigNode& node, const std::filesystem::path& fo
   }
 }
 
+/// The edges to cut, in vertices of the input.
+std::vector<Edge> cut_edges(const LoadedDomain& loaded, const ConfigNode& node) {
+  const Cut cut = read_cut(node);
+  const auto domain_vertex = [&](const ConfigNode& place, std::int64_t input_vertex) {
+    return place.located([&] {
+      const Index v = loaded.domain_vertex(input_vertex);
+      if (v < 0) throw DataError(fmt::format("vertex {} is in no cell", input_vertex));
+      return v;
+    });
+  };
+  std::vector<Edge> edges;
+  if (cut.to_disk) {
+    edges = node.at("to_disk").located([&] { return cut_graph(loaded.domain); });
+  } else if (!cut.path.empty()) {
+    const ConfigNode place = node.at("path");
+    for (std::size_t k = 1; k < cut.path.size(); ++k) {
+      const Index from = domain_vertex(place, cut.path[k - 1]);
+      const Index to = domain_vertex(place, cut.path[k]);
+      const std::vector<Index> path = place.located([&] { return shortest_edge_path(loaded.domain, from, to); });
+      for (std::size_t i = 1; i < path.size(); ++i) edges.push_back({path[i - 1], path[i]});
+    }
+    std::set<Edge> boundary;  // which is open already
+    for (const auto side : loaded.domain.boundary_facets().rowwise()) {
+      boundary.insert({side(0), side(1)});
+      boundary.insert({side(1), side(0)});
+    }
+    std::erase_if(edges, [&](const Edge& edge) { return boundary.count(edge) > 0; });
+    if (edges.empty()) place.fail("the path has no interior edge; expected one to cut");
+  } else {
+    const std::vector<ConfigNode> places = node.at("edges").elements();
+    for (std::size_t k = 0; k < places.size(); ++k) {
+      const auto [a, b] = cut.edges[k];
+      edges.push_back({domain_vertex(places[k], a), domain_vertex(places[k], b)});
+    }
+  }
+  for (auto& [a, b] : edges) {
+    a = loaded.vertex_origin[a];
+    b = loaded.vertex_origin[b];
+  }
+  return edges;
+}
+
+/// Cuts a domain of triangles; copies of vertices are appended to the domain and to its input.
+void cut_open(LoadedDomain& loaded, const ConfigNode& node) {
+  if (loaded.domain.kind() == DomainKind::tetrahedral) node.fail("only triangle meshes can be cut");
+  const std::vector<Edge> edges = cut_edges(loaded, node);
+  const Mesh uncut = loaded.uncut();
+  CutMesh cut = node.located([&] { return cut_along_edges(uncut, edges); });
+
+  const Index uncut_count = uncut.vertex_count();
+  const Index domain_count = loaded.domain.vertex_count();
+  const auto domain_vertex = [&](Index v) {
+    return v < uncut_count ? loaded.domain_vertex(v) : domain_count + v - uncut_count;
+  };
+  Mesh open{Matrix(domain_count + cut.mesh.vertex_count() - uncut_count, loaded.domain.positions().cols()),
+            cut.mesh.cells.unaryExpr(domain_vertex)};
+  open.positions.topRows(domain_count) = loaded.domain.positions();
+  for (Index v = uncut_count; v < cut.mesh.vertex_count(); ++v) {
+    const Index origin = cut.vertex_origin[v];
+    open.positions.row(domain_vertex(v)) = loaded.domain.positions().row(domain_vertex(origin));
+    loaded.vertex_origin.push_back(v);
+    loaded.uncut_vertex.push_back(origin);
+  }
+  loaded.domain = Domain(open, loaded.domain.kind());
+  loaded.input = std::move(cut.mesh);
+}
+
 }  // namespace
+
+const std::vector<DomainModifier>& domain_modifiers() {
+  static const std::vector<DomainModifier> modifiers = {
+      {"degrade",
+       "a badly tessellated variant of a planar mesh",
+       {{.name = "jitter",
+         .value = 0.0,
+         .doc = "interior vertices move by up to this fraction of their shortest edge",
+         .min = 0.0,
+         .max = 1.0},
+        {.name = "flip_fraction",
+         .value = 0.0,
+         .doc = "share of the interior edges that are flipped",
+         .min = 0.0,
+         .max = 1.0},
+        {.name = "refinements",
+         .value = std::int64_t{0},
+         .doc = "rounds of splitting a random fifth of the cells",
+         .min = 0.0,
+         .max = 20.0},
+        seed_parameter()}},
+      {"cut",
+       "a triangle mesh cut along edges; one of",
+       {{.name = "path",
+         .value = std::vector<double>{},
+         .doc = "vertices, joined by shortest paths along edges; boundary edges are left out"},
+        {.name = "edges", .value = std::vector<double>{}, .doc = "pairs of vertices, [[a, b], ...]"},
+        {.name = "to_disk", .value = false, .doc = "opens every component to a disk"}}}};
+  return modifiers;
+}
 
 const Registry<GeneratorEntry>& generators() {
   static const Registry<GeneratorEntry> registry("generator", make_generators());
@@ -188,6 +388,7 @@ void check_domain(const ConfigNode& node) {
   read_repairs(node);
   read_scale(node);
   if (node.has("degrade")) read_degrade(node.at("degrade"));
+  if (node.has("cut")) read_cut(node.at("cut"));
 }
 
 LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& config_folder) {
@@ -219,7 +420,15 @@ LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& co
     source.repaired.vertex_origin = identity(source.input.vertex_count());
     domain = checked(source.input);
   }
-  return {std::move(domain), std::move(warnings), std::move(source.input), std::move(source.repaired.vertex_origin)};
+  LoadedDomain loaded{std::move(domain),
+                      std::move(warnings),
+                      std::move(source.input),
+                      source.repaired.vertex_origin,
+                      source.repaired.vertex_origin,
+                      0};
+  loaded.uncut_vertex_count = loaded.input.vertex_count();
+  if (node.has("cut")) cut_open(loaded, node.at("cut"));
+  return loaded;
 }
 
 Index LoadedDomain::domain_vertex(std::int64_t input_vertex) const {
@@ -249,6 +458,11 @@ Mesh LoadedDomain::as_input(const Matrix& U) const {
     for (int i = 0; i < domain.cell_size(); ++i) mesh.cells(t, i) = vertex_origin[mesh.cells(t, i)];
   }
   return mesh;
+}
+
+Mesh LoadedDomain::uncut() const {
+  return {input.positions.topRows(uncut_vertex_count),
+          domain.cells().unaryExpr([&](Index v) { return uncut_vertex[v]; })};
 }
 
 Matrix LoadedDomain::values_as_input(const Matrix& values) const {

@@ -103,8 +103,9 @@ Mesh bar_surface_mesh(double length, double width, double height, double h) {
   return mesh;
 }
 
-Mesh bar_tet_mesh(double length, double width, double height, double h) {
+Mesh bar_tet_mesh(double length, double width, double height, double h, double jitter, std::uint64_t seed) {
   const Grid grid(length, width, height, h);
+  require_range("jitter", jitter, 0.0, 0.45);
   const double boxes = grid.counts[0] * grid.counts[1] * grid.counts[2];
   require_cell_count("h", h, 6.0 * boxes);
   const Counts n = grid.indices();
@@ -141,6 +142,16 @@ Mesh bar_tet_mesh(double length, double width, double height, double h) {
         }
       }
     }
+  }
+  if (jitter > 0.0) {
+    Matrix reach = Matrix::Zero(mesh.vertex_count(), 3);
+    for (Index i = 1; i < n[0]; ++i) {
+      for (Index j = 1; j < n[1]; ++j) {
+        for (Index k = 1; k < n[2]; ++k) reach.row(vertex({i, j, k})) = jitter * grid.point({1, 1, 1});
+      }
+    }
+    Random random(seed);
+    jitter_vertices(mesh, reach, random);
   }
   return mesh;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "framework/domain/generators/support.h"
 
+#include <Eigen/Geometry>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -55,6 +56,16 @@ Vector signed_areas(const Mesh& mesh) {
   return areas;
 }
 
+double signed_measure(const Mesh& mesh, Index cell) {
+  const auto corners = mesh.cells.row(cell);
+  if (corners.size() == 3) return signed_area(mesh.positions, corners(0), corners(1), corners(2));
+  const Eigen::RowVector3d a = mesh.positions.row(corners(0));
+  const Eigen::RowVector3d b = mesh.positions.row(corners(1)) - a;
+  const Eigen::RowVector3d c = mesh.positions.row(corners(2)) - a;
+  const Eigen::RowVector3d d = mesh.positions.row(corners(3)) - a;
+  return b.cross(c).dot(d) / 6.0;
+}
+
 VertexCells::VertexCells(const Mesh& mesh)
     : first_(static_cast<std::size_t>(mesh.vertex_count()) + 2, 0),
       cells_(static_cast<std::size_t>(mesh.cells.size())) {
@@ -67,23 +78,22 @@ VertexCells::VertexCells(const Mesh& mesh)
 }
 
 void jitter_vertices(Mesh& mesh, const Matrix& reach, Random& random) {
-  constexpr double kKeptArea = 0.05;  // of each cell, so that jitter never makes slivers
+  constexpr double kKeptMeasure = 0.05;  // of each cell, so that jitter never makes slivers
   constexpr int kTries = 6;
+  const Eigen::Index dimension = reach.cols();
   const VertexCells around(mesh);
-  const Vector smallest = kKeptArea * signed_areas(mesh);
+  Vector smallest(mesh.cell_count());
+  for (Index t = 0; t < mesh.cell_count(); ++t) smallest(t) = kKeptMeasure * signed_measure(mesh, t);
 
   for (Index v = 0; v < mesh.vertex_count(); ++v) {
-    if (reach(v, 0) == 0.0 && reach(v, 1) == 0.0) continue;
-    const Eigen::RowVector2d start = mesh.positions.row(v).head<2>();
-    const double x = random.symmetric();
-    const double y = random.symmetric();
-    Eigen::RowVector2d step(x * reach(v, 0), y * reach(v, 1));
-    const auto allowed = [&](Index t) {
-      return signed_area(mesh.positions, mesh.cells(t, 0), mesh.cells(t, 1), mesh.cells(t, 2)) >= smallest(t);
-    };
+    if ((reach.row(v).array() == 0.0).all()) continue;
+    const Eigen::RowVectorXd start = mesh.positions.row(v).head(dimension);
+    Eigen::RowVectorXd step(dimension);
+    for (Eigen::Index d = 0; d < dimension; ++d) step(d) = random.symmetric() * reach(v, d);
+    const auto allowed = [&](Index t) { return signed_measure(mesh, t) >= smallest(t); };
     for (int attempt = 0; attempt <= kTries; ++attempt, step *= 0.5) {
       if (attempt == kTries) step.setZero();
-      mesh.positions.row(v).head<2>() = start + step;
+      mesh.positions.row(v).head(dimension) = start + step;
       if (std::ranges::all_of(around[v], allowed)) break;
     }
   }

@@ -55,6 +55,9 @@ double signed_area(const Matrix& positions, Index a, Index b, Index c);
 /// Signed area of every cell of a planar mesh.
 Vector signed_areas(const Mesh& mesh);
 
+/// Area of a triangle in the plane (the first two coordinates), or volume of a tetrahedron; negative when turned over.
+double signed_measure(const Mesh& mesh, Index cell);
+
 /// The cells around each vertex.
 class VertexCells {
  public:
@@ -68,8 +71,8 @@ class VertexCells {
   std::vector<Index> cells_;
 };
 
-/// Moves every vertex of a planar mesh at random, by up to reach(v, 0) and reach(v, 1) in x and y; vertices with zero
-/// reach stay. Moves that would turn a cell over or almost flatten it are shortened.
+/// Moves every vertex of a planar or tetrahedral mesh at random, by up to reach(v, d) along axis d (2 or 3 columns);
+/// vertices with zero reach stay. Moves that would turn a cell over or almost flatten it are shortened.
 void jitter_vertices(Mesh& mesh, const Matrix& reach, Random& random);
 
 }  // namespace variform::generators

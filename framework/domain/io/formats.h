@@ -34,6 +34,9 @@ Format medit_format();
 Format gmsh_format();
 Format vtu_format();
 
+/// An OBJ file with texture coordinates. The mesh and the coordinates are checked.
+std::string obj_with_uv(const Mesh& mesh, const Matrix& uv, const IndexMatrix& uv_cells);
+
 /// read_mesh for the unpacked content of a file of this name.
 MeshFile parse_mesh(const std::filesystem::path& path, std::string_view content, const ReadOptions& options);
 

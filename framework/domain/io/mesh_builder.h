@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "framework/domain/io/reader.h"
@@ -26,8 +27,10 @@ class MeshBuilder {
   void set_dimension(int dimension) { dimension_ = dimension; }
 
   void add_vertex(double x, double y, double z = 0.0);
-  /// A triangle, or a polygon that is split or refused as the options say.
-  void add_polygon(std::span<const std::int64_t> corners);
+  void add_uv(double u, double v);
+  /// A triangle, or a polygon that is split or refused as the options say; with the number of a uv, from the same base,
+  /// at each corner, or none.
+  void add_polygon(std::span<const std::int64_t> corners, std::span<const std::int64_t> uv_corners = {});
   void add_tetrahedron(std::span<const std::int64_t> corners);
   /// Counts things that are not read, for example "hexahedra".
   void ignore(const std::string& things, std::int64_t count = 1) {
@@ -35,6 +38,7 @@ class MeshBuilder {
   }
 
   std::int64_t vertex_count() const { return static_cast<std::int64_t>(coordinates_.size()) / dimension_; }
+  std::int64_t uv_count() const { return static_cast<std::int64_t>(uv_.size()) / 2; }
 
   /// The tetrahedra where there are any, else the triangles.
   MeshFile finish() const;
@@ -45,14 +49,17 @@ class MeshBuilder {
     std::vector<std::size_t> offsets;  ///< where in the file each cell was, for errors
   };
 
-  IndexMatrix checked(const Cells& cells, int size) const;
+  /// The cells as a table of indices in [0, count) of a thing: "vertex" or "texture coordinate".
+  IndexMatrix checked(const Cells& cells, int size, std::string_view thing, std::int64_t count) const;
 
   const Reader& reader_;
   ReadOptions options_;
   std::int64_t index_base_ = 0;
   int dimension_ = 3;
   std::vector<double> coordinates_;
+  std::vector<double> uv_;
   Cells triangles_;
+  Cells uv_triangles_;
   Cells tetrahedra_;
   std::map<std::string, std::int64_t> ignored_;
   std::int64_t split_polygons_ = 0;

@@ -117,6 +117,35 @@ void write_mesh(const std::filesystem::path& path, const Mesh& mesh, const std::
   write_file(path, format.write(mesh, fields));
 }
 
+void write_obj_uv(const std::filesystem::path& path, const Mesh& mesh, const Matrix& uv, const IndexMatrix& uv_cells) {
+  const io::Format& format = format_of(path, false);
+  if (format.extension != io::obj_format().extension) {
+    throw UsageError(fmt::format("{}: expected an .obj file for texture coordinates", path.string()));
+  }
+  check_writable(path, mesh, format);
+  if (mesh.cells.cols() != 3 || uv.cols() != 2 || uv_cells.cols() != 3 || uv_cells.rows() != mesh.cells.rows()) {
+    throw UsageError(
+        fmt::format("{}: texture coordinates of {} columns with {} x {} indices for {} cells of {} corners; expected 2 "
+                    "columns and 3 indices for each cell of 3 corners",
+                    path.string(), uv.cols(), uv_cells.rows(), uv_cells.cols(), mesh.cell_count(), mesh.cells.cols()));
+  }
+  for (Index row = 0; row < uv.rows(); ++row) {
+    if (!uv.row(row).allFinite()) {
+      throw DataError(fmt::format("{}: cannot write texture coordinates {} (counted from 0): they are not finite",
+                                  path.string(), row));
+    }
+  }
+  for (Index c = 0; c < mesh.cell_count(); ++c) {
+    for (const Index row : uv_cells.row(c)) {
+      if (row < 0 || row >= uv.rows()) {
+        throw DataError(fmt::format("{}: cannot write cell {} (counted from 0): it names texture coordinates {} of {}",
+                                    path.string(), c, row, uv.rows()));
+      }
+    }
+  }
+  write_file(path, io::obj_with_uv(mesh, uv, uv_cells));
+}
+
 const std::vector<std::string>& mesh_extensions() {
   static const std::vector<std::string> extensions = [] {
     std::vector<std::string> names;
