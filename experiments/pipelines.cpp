@@ -4,6 +4,7 @@
 // One line per pipeline; experiments/<chapter>/<name>.cpp defines PipelineEntry describe_<name>().
 #define VARIFORM_PIPELINES(X) \
   X(deform)                   \
+  X(parametrize)              \
   X(vector_field)
 
 namespace variform {

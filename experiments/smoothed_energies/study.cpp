@@ -216,12 +216,10 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
   Outcome outcome;
   double beta = study.norm.options.beta;
   Matrix start = study.start;
-  bool fresh = false;
   const auto at = [&](double value) {
     beta = value;
     problem.set_beta(value);
     outcome = minimize(problem, study.solver, start);
-    fresh = true;
     if (study.norm.search && study.norm.search->warm_start) start = outcome.U;
     Row row;
     set_energies(problem, outcome, row);
@@ -242,8 +240,7 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
     }
     for (const std::string& remark : trials->remarks) result.warnings.push_back("search for beta: " + remark);
     const double answer = trials->found ? trials->value : trials->high;
-    fresh = fresh && beta == answer;
-    if (!fresh) measured = at(answer);
+    if (beta != answer) at(answer);
     Row row;
     set_energies(problem, outcome, row);
     study.measure(outcome.U, row);
@@ -340,8 +337,8 @@ std::vector<Metric> study_metrics(const std::vector<Metric>& own) {
   return metrics;
 }
 
-std::vector<Metric> distortion_metrics() {
-  return {
+std::vector<Metric> distortion_metrics(const std::vector<Metric>& more) {
+  std::vector<Metric> metrics = {
       {{"flipped"}, "cells whose orientation is not positive relative to rest (surfaces in space: degenerate ones)"},
       {{"min_det", "min det"}, "smallest determinant of the deformation gradient"},
       {{"area_ratio", "area ratio"}, "signed measure by rest measure"},
@@ -351,6 +348,8 @@ std::vector<Metric> distortion_metrics() {
       {{"E_metr"}, "metric distortion"},
       {{"E_sdir"}, "symmetric Dirichlet energy, mean of sum sigma_i^2 + sigma_i^-2; infinite with flips"},
       {{"max_conf_ratio", "max σ₁/σ₂"}, "largest ratio of singular values; infinite with flips"}};
+  metrics.insert(metrics.end(), more.begin(), more.end());
+  return metrics;
 }
 
 void set_sizes(const Domain& domain, Row& row) {

@@ -56,8 +56,8 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy);
 
 /// All metrics of run_study, in order, for PipelineEntry::metrics; `own` in between, after the energies.
 std::vector<Metric> study_metrics(const std::vector<Metric>& own);
-/// Metrics of a map's distortion, as set_distortion fills them in.
-std::vector<Metric> distortion_metrics();
+/// Metrics of a map's distortion, as set_distortion fills them in, and `more`.
+std::vector<Metric> distortion_metrics(const std::vector<Metric>& more);
 
 /// Reads [energy]; velocities: which of the energies make sense. Throws UsageError naming the key.
 std::unique_ptr<Energy> read_energy(const ConfigNode& node, bool velocities);

@@ -22,6 +22,8 @@ struct PointResult {
   Row metrics;                         ///< flat; the runner puts the swept keys in front
   Mesh mesh = {};                      ///< result with the vertex order of the input; no cells: none
   std::vector<MeshField> fields = {};  ///< for the VTU beside the OBJ
+  Matrix uv = {};                      ///< texture coordinates for the OBJ, n x 2; none: 0 x 0
+  IndexMatrix uv_cells = {};           ///< rows of uv, cells x 3
   /// The result as pictures, each with a name that the pipeline declares; titles and ranges of scales are left to the
   /// runner (a label of the scale is kept).
   std::vector<MeshFigure> figures = {};

@@ -782,7 +782,11 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
         throw_error(error.exit_code(), fmt::format("{} (at {})", error.what(), assignments(row)));
       }
       if (result->mesh.cell_count() > 0) {
-        write_mesh(options.folder / mesh, result->mesh);
+        if (result->uv.size() > 0) {
+          write_obj_uv(options.folder / mesh, result->mesh, result->uv, result->uv_cells);
+        } else {
+          write_mesh(options.folder / mesh, result->mesh);
+        }
         write_mesh(options.folder / "meshes" / (name + ".vtu"), result->mesh, result->fields);
         result->metrics.set("mesh", mesh);
       }

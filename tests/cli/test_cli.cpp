@@ -126,7 +126,7 @@ class Cli : public ::testing::Test {
 };
 
 /// Sixteen squares of two triangles each; the left side is moved a little.
-const std::string kStudy = R"(pipeline = "deform.planar"
+const std::string kStudy = R"(pipeline = "deform"
 [domain]
 generator = "square"
 h = 0.25
@@ -215,7 +215,7 @@ std::pair<double, int> arap_energy(const ObjMesh& rest, const ObjMesh& deformed)
 TEST_F(Cli, ARunWritesRowsAndMeshesAsTheContractSays) {
   write("mesh.obj", kMesh);
   write("study.toml", R"(title = "contract"
-pipeline = "deform.planar"
+pipeline = "deform"
 [domain]
 mesh = "mesh.obj"
 [energy]
@@ -244,7 +244,7 @@ move = [0.5, -0.25]
 
   const nlohmann::json json = record();
   EXPECT_EQ(json["title"], "contracted");
-  EXPECT_EQ(json["pipeline"], "deform.planar");
+  EXPECT_EQ(json["pipeline"], "deform");
   EXPECT_THAT(json["config"].get<std::string>(), HasSubstr("title = \"contracted\""));
   EXPECT_TRUE(json["provenance"].contains("variform"));
   EXPECT_TRUE(json["warnings"].empty()) << json["warnings"];
@@ -333,7 +333,7 @@ TEST_F(Cli, VertexNumbersAreThoseOfTheFileWhateverIsDropped) {
   }
   write("mesh.obj", mesh);
   // Vertices 2 and 4 (from 0) of the file are (0, 0) and (2, 0).
-  const std::string study = R"(pipeline = "deform.planar"
+  const std::string study = R"(pipeline = "deform"
 domain = { mesh = "mesh.obj" }
 energy = { type = "arap" }
 solver = { tolerance = 1e-12 }
@@ -367,7 +367,7 @@ TEST_F(Cli, AMeshFlatInAnotherPlaneComesBackInThatPlane) {
     mesh += line + "\n";
   }
   write("mesh.obj", mesh);
-  write("study.toml", R"(pipeline = "deform.planar"
+  write("study.toml", R"(pipeline = "deform"
 domain = { mesh = "mesh.obj" }
 energy = { type = "arap" }
 solver = { tolerance = 1e-12 }
@@ -469,7 +469,7 @@ TEST_F(Cli, ListNamesEveryMetricOfARow) {
   write("study.toml", kStudy);
   ASSERT_EQ(run_study().code, 0);
   std::vector<std::string> metrics = {"mesh"};
-  for (const Metric& metric : pipelines().find("deform.planar").metrics) metrics.push_back(metric.column.key);
+  for (const Metric& metric : pipelines().find("deform").metrics) metrics.push_back(metric.column.key);
   const nlohmann::json row = record()["rows"][0];
   EXPECT_GT(row.size(), 20u);
   for (const auto& [key, value] : row.items()) EXPECT_THAT(metrics, Contains(key));
@@ -571,7 +571,7 @@ TEST_F(Cli, ResumeGivesTheSameTable) {
 
 TEST_F(Cli, ResumeSeesThatTheMeshChanged) {
   write("mesh.obj", kMesh);
-  write("study.toml", R"(pipeline = "deform.planar"
+  write("study.toml", R"(pipeline = "deform"
 domain = { mesh = "mesh.obj" }
 energy = { type = "arap" }
 solver = { tolerance = 1e-12 }
@@ -714,7 +714,7 @@ const std::vector<BadInput> kBadInputs = {
     with("UnknownNonlinear", 2, "key 'solver.nonlinear': .*expected one of local_global", "solver.nonlinear=lbfgs"),
     with("UnknownGenerator", 2, "key 'domain.generator': unknown generator 'circle'; known: square",
          "domain.generator=circle"),
-    with("UnknownPipeline", 2, "key 'pipeline': unknown pipeline 'deform.plane'; known: deform.planar",
+    with("UnknownPipeline", 2, "key 'pipeline': unknown pipeline 'deform.plane'; known: deform, parametrize, vector_field",
          "pipeline=deform.plane"),
     with("UnknownFacetWeight", 2, "key 'norm.facet_weight': .*expected one of facet_measure", "norm.facet_weight=area"),
     {"NoPipeline", 2, "study.toml:1: 'pipeline' is missing", {}, "title = \"x\"\n"},
@@ -723,7 +723,7 @@ const std::vector<BadInput> kBadInputs = {
     {"NoDomain", 2, "'domain' is missing", {}, replaced("[domain]\ngenerator = \"square\"\nh = 0.25\n", "")},
     {"EmptyConfig", 2, "'pipeline' is missing", {}, ""},
     {"TomlSyntax", 2, "study.toml:4: .*", {}, replaced("h = 0.25", "h = 0.2.5")},
-    {"TomlOpenString", 2, "study.toml:1: .*", {}, "pipeline = \"deform.planar\n"},
+    {"TomlOpenString", 2, "study.toml:1: .*", {}, "pipeline = \"deform\n"},
     {"TomlKeyTwice", 2, "study.toml:9: .*beta", {}, replaced("beta = 0.2", "beta = 0.2\nbeta = 0.3")},
     {"EmptySweep",
      2,
