@@ -346,7 +346,6 @@ PointResult bisect(const PipelineEntry& pipeline, const Config& config, const Th
     result.warnings.push_back(
         fmt::format("no value of {} up to {} fulfils '{}'", search.key, search.high, search.until.text()));
   }
-  for (const std::string& remark : trials.remarks) result.warnings.push_back(remark);
   result.trials.push_back(std::move(trials));
   return result;
 }

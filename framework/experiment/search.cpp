@@ -100,12 +100,6 @@ class Threshold {
     trials_.value = found_ ? high_ : kNaN;
     trials_.low = low_;
     trials_.high = high_;
-    for (const double failed : failed_) {
-      if (std::any_of(held_.begin(), held_.end(), [failed](double held) { return held < failed; })) {
-        trials_.remarks.push_back(fmt::format("'{}' is not monotone: it fails at {} = {} and holds below",
-                                              search_.until.text(), search_.key, failed));
-      }
-    }
     return std::move(trials_);
   }
 
@@ -113,7 +107,6 @@ class Threshold {
   bool holds(double value, const char* asked) {
     const Row metrics = run_(value);
     const bool held = search_.until.holds(metrics);
-    (held ? held_ : failed_).push_back(value);
     Row row;
     row.set(search_.key, value);
     row.set("asked", std::string(asked));
@@ -168,8 +161,6 @@ class Threshold {
   const ThresholdSearch& search_;
   const TrialRun& run_;
   Trials trials_;
-  std::vector<double> held_;
-  std::vector<double> failed_;
   double low_ = 0.0;
   double high_ = 0.0;
   bool found_ = false;

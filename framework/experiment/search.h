@@ -45,9 +45,10 @@ struct ThresholdSearch {
 /// within the tolerance; both are the lower end if the condition holds there. Not found: the condition holds neither at
 /// low nor at the largest value tried; [low, high] is then the interval between the largest two values that were tried.
 ///
-/// Conditions that are not monotone in the value: the answer is an upper end of one interval in which the condition
-/// changes, not necessarily the lowest one, and every statement above still holds. A trial that failed above one that
-/// held is told in `remarks`; the rows show what was seen. A condition on a NaN does not hold.
+/// Conditions that are not monotone in the value: every trial that failed lies below every one that held, so the trials
+/// themselves never show it. The answer is then the upper end of one interval in which the condition changes, not
+/// necessarily the lowest one; all of the above still holds. A start near the expected answer favours changes near it.
+/// A condition on a NaN does not hold.
 ///
 /// Throws UsageError for low >= high, ends that are not finite, start outside [low, high], factor <= 1, tolerances that
 /// are both zero or negative, values outside of what the spacing admits; and whatever run and Condition::holds throw.

@@ -249,10 +249,10 @@ constexpr std::string_view kScript = R"js(
 })();
 )js";
 
-/// JavaScript that may stand inside a script element: nothing in it ends the element or opens a comment there. Both
+/// JavaScript that may stand inside a script element: nothing in it ends the element or opens a comment there. These
 /// pieces occur in strings and regular expressions only, where the backslash changes nothing.
 std::string inlined(std::string script) {
-  for (const auto& [from, to] : {std::pair("</", "<\\/"), std::pair("<!--", "<\\!--")}) {
+  for (const auto& [from, to] : {std::pair("</s", "<\\/s"), std::pair("</S", "<\\/S"), std::pair("<!--", "<\\!--")}) {
     for (std::size_t i = script.find(from); i != std::string::npos; i = script.find(from, i))
       script.replace(i, 2, to, 3);
   }

@@ -514,7 +514,8 @@ TEST_F(Cli, SweepRunsOverAGrid) {
 const std::string kClaim =
     "[[claim]]\ntext = \"nothing flips\"\npublished = \"0\"\nmetric = \"flipped\"\nis = \"== 0\"\n";
 const std::string kFalseClaim = "[[claim]]\ntext = \"more vertices\"\nmetric = \"vertices\"\nis = \"> 25\"\n";
-const std::string kVoidClaim = "[[claim]]\ntext = \"void\"\nmetric = \"nothing\"\nis = \"> 25\"\n";
+const std::string kVoidClaim =
+    "[[claim]]\ntext = \"void\"\nmetric = \"vertices\"\nwhere = \"vertices < 0\"\nis = \"> 25\"\n";
 
 TEST_F(Cli, ReproduceAnswersByItsClaims) {
   write("good/study.toml", kStudy + kClaim);

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <pugixml.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -11,6 +12,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "framework/base/error.h"
 #include "framework/experiment/figure.h"
@@ -233,12 +235,188 @@ TEST(DrawMeshes, RefusesWhatDoesNotFit) {
   };
   refuse([](MeshFigure& figure) { figure.cell_values.resize(1); });
   refuse([](MeshFigure& figure) { figure.fixed_vertices = {4}; });
+  refuse([](MeshFigure& figure) { figure.mesh.positions.conservativeResize(4, 4); });
+  refuse([](MeshFigure& figure) { figure.mesh.cells = IndexMatrix::Zero(2, 4); });
+  refuse([](MeshFigure& figure) { figure.uv = Matrix::Zero(3, 2); });
+  refuse([](MeshFigure& figure) { figure.uv = Matrix::Zero(4, 3); });
+  refuse([](MeshFigure& figure) {
+    figure.uv = Matrix::Zero(9, 2);
+    figure.uv_cells = IndexMatrix::Constant(2, 3, 9);
+  });
+  refuse([](MeshFigure& figure) {
+    figure.uv = Matrix::Zero(9, 2);
+    figure.uv_cells = IndexMatrix::Zero(1, 3);
+  });
   refuse([](MeshFigure& figure) { figure.flipped_cells = {-1}; });
   refuse([](MeshFigure& figure) { figure.scale = {.low = 1.0, .high = 1.0}; });
   refuse([](MeshFigure& figure) { figure.scale = {.low = 0.0, .high = 1.0, .logarithmic = true}; });
   EXPECT_THROW(draw_meshes({}, folder / "bad"), UsageError);
   EXPECT_THROW(draw_meshes({square(1)}, folder / "missing" / "picture"), DataError);
   EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+/// Two squares over each other in space, seen from +z: the upper one, cells 2 and 3, has the larger values.
+MeshFigure stack() {
+  MeshFigure figure{.edges = false};
+  figure.mesh.positions =
+      (Matrix(8, 3) << 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0, 0, 0, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1).finished();
+  figure.mesh.cells = (IndexMatrix(4, 3) << 0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7).finished();
+  figure.cell_values = (Vector(4) << 0, 0, 1, 1).finished();
+  return figure;
+}
+
+const Camera kFromAbove{.direction = {0, 0, 1}, .up = {0, 1, 0}};
+const Camera kFromBelow{.direction = {0, 0, -1}, .up = {0, 1, 0}};
+
+/// The extent of what is not white in the left part of a picture, without colour bar.
+struct Extent {
+  int left = 1 << 30, right = -1, top = 1 << 30, bottom = -1;
+  int width() const { return right - left + 1; }
+  int height() const { return bottom - top + 1; }
+};
+
+Extent extent_of(const Picture& picture, int from, int to) {
+  Extent extent;
+  for (int y = 0; y < picture.height(); ++y) {
+    for (int x = from; x < to; ++x) {
+      if (picture.at(x, y) == "#ffffff") continue;
+      extent.left = std::min(extent.left, x);
+      extent.right = std::max(extent.right, x);
+      extent.top = std::min(extent.top, y);
+      extent.bottom = std::max(extent.bottom, y);
+    }
+  }
+  return extent;
+}
+
+/// Channel of "#rrggbb".
+int channel(const std::string& colour, int i) {
+  return std::stoi(colour.substr(1 + 2 * static_cast<std::size_t>(i), 2), nullptr, 16);
+}
+
+bool is_yellow(const std::string& colour) { return channel(colour, 0) > 2 * channel(colour, 2); }
+
+TEST(DrawMeshesInSpace, TheCellsNearerToTheCameraAreSeen) {
+  const TemporaryFolder folder;
+  draw_meshes({stack()}, folder / "above", 0, kFromAbove);
+  draw_meshes({stack()}, folder / "below", 0, kFromBelow);
+  const Picture above(folder / "above.png");
+  const Picture below(folder / "below.png");
+  EXPECT_TRUE(is_yellow(above.at(400, above.height() / 2))) << above.at(400, above.height() / 2);
+  EXPECT_FALSE(is_yellow(below.at(400, below.height() / 2))) << below.at(400, below.height() / 2);
+}
+
+TEST(DrawMeshesInSpace, ThePictureHasTheExtentOfTheProjectedMesh) {
+  const TemporaryFolder folder;
+  MeshFigure figure = stack();
+  figure.cell_values.resize(0);
+  figure.mesh.positions.col(0) *= 3.0;
+  figure.mesh.positions.col(2) *= 0.5;
+  // A planar panel of the same size beside it: both have one length scale.
+  MeshFigure planar = figure;
+  planar.mesh.positions = Matrix(figure.mesh.positions.leftCols(2));
+  draw_meshes({figure, planar}, folder / "above", 2, kFromAbove);
+  draw_meshes({figure}, folder / "front", 0, {.direction = {0, -1, 0}, .up = {0, 0, 1}});
+  draw_meshes({figure}, folder / "near", 0, {.direction = {0, 0, 1}, .up = {0, 1, 0}, .zoom = 2.0});
+  const Picture above(folder / "above.png");
+  const Extent left = extent_of(above, 0, above.width() / 2);
+  const Extent right = extent_of(above, above.width() / 2, above.width());
+  EXPECT_NEAR(left.width(), 3.0 * left.height(), 8.0);
+  EXPECT_NEAR(left.width(), right.width(), 3.0);
+  EXPECT_NEAR(left.height(), right.height(), 3.0);
+  const Picture front(folder / "front.png");
+  const Extent standing = extent_of(front, 0, front.width());
+  EXPECT_EQ(standing.width(), -(1 << 30)) << "both squares are seen on edge";
+  const Picture near(folder / "near.png");
+  EXPECT_EQ(near.at(near.width() / 2, near.height() / 2), above.at((left.left + left.right) / 2, near.height() / 2))
+      << "zoomed in there is the same surface";
+  EXPECT_GT(extent_of(near, 0, near.width()).width(), near.width() - 80) << "it fills the picture";
+}
+
+TEST(DrawMeshesInSpace, TetrahedraShowTheColoursOfTheirOutermostCells) {
+  const TemporaryFolder folder;
+  // A small tetrahedron inside of a large one: as parts of one mesh, both are boundary, but only the large one is seen.
+  MeshFigure figure{.edges = false};
+  figure.mesh.positions =
+      (Matrix(8, 3) << 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0.2, 0.2, 0.2, 0.3, 0.2, 0.2, 0.2, 0.3, 0.2, 0.2, 0.2, 0.3)
+          .finished();
+  figure.mesh.cells = (IndexMatrix(2, 4) << 0, 1, 2, 3, 4, 5, 6, 7).finished();
+  figure.cell_values = (Vector(2) << 0.0, 1.0).finished();
+  draw_meshes({figure}, folder / "tet", 0, {.direction = {1, 1, 1}, .up = {0, 0, 1}, .perspective = true});
+  const Picture picture(folder / "tet.png");
+  int yellow = 0;
+  for (int y = 0; y < picture.height(); ++y) {
+    for (int x = 0; x < picture.height(); ++x) yellow += is_yellow(picture.at(x, y)) ? 1 : 0;
+  }
+  EXPECT_EQ(yellow, 0);
+}
+
+TEST(DrawMeshesInSpace, MarkersAndOutlinesAreHiddenBehindTheMesh) {
+  const TemporaryFolder folder;
+  MeshFigure figure = stack();
+  figure.cell_values.resize(0);
+  // Vertices inside the squares: the fans of the lower one are cells 0 to 3, those of the upper one 4 to 7.
+  figure.mesh.positions.conservativeResize(10, 3);
+  figure.mesh.positions.row(8) << 0.5, 0.5, 0;
+  figure.mesh.positions.row(9) << 0.5, 0.5, 1;
+  figure.mesh.cells =
+      (IndexMatrix(8, 3) << 0, 1, 8, 1, 2, 8, 2, 3, 8, 3, 0, 8, 4, 5, 9, 5, 6, 9, 6, 7, 9, 7, 4, 9).finished();
+  const auto dark_and_red = [&](const Camera& camera, const char* name) {
+    draw_meshes({figure}, folder / name, 0, camera);
+    const Picture picture(folder / (std::string(name) + ".png"));
+    std::pair<int, int> counts;
+    for (int y = 0; y < picture.height(); ++y) {
+      for (int x = 0; x < picture.width(); ++x) {
+        const std::string colour = picture.at(x, y);
+        if (colour == "#222222") ++counts.first;
+        if (channel(colour, 0) > 150 && channel(colour, 1) < 40) ++counts.second;
+      }
+    }
+    return counts;
+  };
+  figure.fixed_vertices = {8};
+  figure.flipped_cells = {1};
+  EXPECT_EQ(dark_and_red(kFromAbove, "above"), std::pair(0, 0));
+  const auto [dark, red] = dark_and_red(kFromBelow, "below");
+  EXPECT_GT(dark, 50);
+  EXPECT_GT(red, 500);
+}
+
+TEST(DrawMeshesInSpace, TheSvgCarriesTheImageAndThePngTheSameBytes) {
+  const TemporaryFolder folder;
+  MeshFigure figure = stack();
+  figure.uv = Matrix(figure.mesh.positions.leftCols(2));
+  for (const char* name : {"one", "two"}) draw_meshes({figure, square(2)}, folder / name, 0, {.perspective = true});
+  EXPECT_EQ(content_of(folder / "one.png"), content_of(folder / "two.png"));
+  pugi::xml_document document;
+  ASSERT_TRUE(document.load_file((folder / "one.svg").c_str()));
+  const auto images = document.select_nodes("//image");
+  ASSERT_EQ(images.size(), 1u);
+  EXPECT_THAT(images.first().node().attribute("xlink:href").value(), ::testing::StartsWith("data:image/png;base64,"));
+}
+
+TEST(DrawMeshesInSpace, ACheckerboardTakesTheCornersOfItsOwnCells) {
+  const TemporaryFolder folder;
+  // One square of uv for each half of the planar square: the texture is 2 x 1 checks, cut along the diagonal.
+  MeshFigure figure = square(1);
+  figure.title.clear();
+  figure.edges = false;
+  figure.check_size = 1.0;
+  figure.uv = (Matrix(6, 2) << 0.1, 0.1, 0.9, 0.1, 0.9, 0.9, 1.1, 0.1, 1.9, 0.9, 1.1, 0.9).finished();
+  figure.uv_cells = (IndexMatrix(2, 3) << 0, 1, 2, 3, 4, 5).finished();
+  draw_meshes({figure}, folder / "checks");
+  const Picture picture(folder / "checks.png");
+  const Extent extent = extent_of(picture, 0, picture.width());
+  const auto at = [&](double x, double y) {
+    return picture.at(extent.left + static_cast<int>(x * extent.width()),
+                      extent.bottom - static_cast<int>(y * extent.height()));
+  };
+  const auto hex = [](const Rgb& colour) {
+    return fmt::format("#{:02x}{:02x}{:02x}", std::lround(255 * colour[0]), std::lround(255 * colour[1]),
+                       std::lround(255 * colour[2]));
+  };
+  EXPECT_EQ(at(0.7, 0.3), hex(kCheckColours[0]));
+  EXPECT_EQ(at(0.3, 0.7), hex(kCheckColours[1]));
 }
 
 /// PATH as long as the object lives.

@@ -26,6 +26,7 @@ class FakePipeline {
   Registry<PipelineEntry> registry() {
     PipelineEntry entry{.name = "fake", .doc = "for tests", .sections = {"model", "list"}};
     entry.metrics = {{{"E"}, "value"}, {{"h"}, "size"}};
+    entry.figures = {"deformed", "texture"};
     entry.run = [this](const Config& config) { return run(config); };
     if (checks_) {
       entry.check = [](const Config& config) {
@@ -69,7 +70,23 @@ class FakePipeline {
       result.mesh.positions << 0, 0, x, 0, 0, 1;
       result.mesh.cells = IndexMatrix::Zero(1, 3);
       result.mesh.cells << 0, 1, 2;
-      result.figure = MeshFigure{.mesh = result.mesh, .cell_values = Vector::Constant(1, x)};
+      result.figures = {{.name = "deformed", .mesh = result.mesh, .cell_values = Vector::Constant(1, x)}};
+      if (model.string_or("name", "none") == "surface") {
+        MeshFigure figure{.name = "texture", .caption = "Texture.", .mesh = result.mesh};
+        figure.mesh.positions.conservativeResize(3, 3);
+        figure.mesh.positions.col(2) << 0.0, 0.5, std::nextafter(x, 9.0);
+        figure.cell_values = Vector::Constant(1, std::nan(""));
+        figure.scale.label = "angle";
+        figure.uv = (Matrix(3, 2) << 0, 0, 1.0 / 3.0, 0, 0, x).finished();
+        figure.uv_cells = (IndexMatrix(1, 3) << 2, 1, 0).finished();
+        figure.check_size = 0.1;
+        figure.fixed_vertices = {0};
+        figure.moved_vertices = {1};
+        figure.soft_vertices = {2};
+        figure.flipped_cells = {0};
+        figure.edges = false;
+        result.figures.push_back(figure);
+      }
       result.history = {{"E", {0, 1}, {2.0, 1.0}}};
     }
     // The first probe is outside of the domain.
@@ -237,7 +254,7 @@ TEST(Runner, ClaimsAreDecidedOnTheRows) {
                          "[[claim]]\ntext = \"rises\"\nmetric = \"E\"\nalong = \"model.x\"\nis = \"increasing\"\n"
                          "[[claim]]\ntext = \"small\"\nmetric = \"E\"\nis = \"< 20\"\n"
                          "[[claim]]\ntext = \"near the reference\"\nmetric = \"map_difference\"\nis = \"<= 1\"\n"
-                         "[[claim]]\ntext = \"typo\"\nmetric = \"EE\"\nis = \"< 20\"\n"
+                         "[[claim]]\ntext = \"of no row\"\nmetric = \"E\"\nwhere = \"h > 9\"\nis = \"< 20\"\n"
                          "[compare]\nreference = \"model.x == 1\"\n");
   std::vector<std::string> outcomes;
   for (const Verdict& verdict : record.verdicts) outcomes.push_back(to_string(verdict.outcome));
@@ -414,7 +431,8 @@ TEST(Runner, ConfigsThatMakeNoSenseAreRefusedWithTheirPlace) {
   EXPECT_THAT(config_error("[model]\n[[plot]]\nx = \"h\"\n"), HasSubstr("'y' is missing"));
   EXPECT_THAT(config_error("[model]\n[[plot]]\nx = \"h\"\ny = \"E\"\nname = \"../up\"\n"), HasSubstr("a file name"));
   EXPECT_THAT(config_error("[model]\n[claim]\ntext = \"not in an array\"\n"), HasSubstr("expected an array"));
-  EXPECT_THAT(config_error("[model]\n[output]\nfigures = [\"map\"]\n"), HasSubstr("\"deformed\" or \"history\""));
+  EXPECT_THAT(config_error("[model]\n[output]\nfigures = [\"map\"]\n"),
+              HasSubstr("pipeline 'fake' has no figure \"map\"; expected \"deformed\", \"texture\", \"history\""));
   EXPECT_THAT(config_error("[model]\n[output]\nmax_panels = -1\n"), HasSubstr("an integer from 0 to 1000"));
   std::string many = "[model]\n[sweep]\n";
   for (const char* key : {"a", "b", "x"}) {
@@ -456,26 +474,149 @@ TEST(Runner, PlotsHaveACurvePerSeriesAndAreWarningsWhereTheyCannotBeDrawn) {
   const TemporaryFolder folder;
   const std::string plots =
       "[[plot]]\nname = \"curves\"\nx = \"model.x\"\ny = \"E\"\nseries = \"model.a\"\n"
-      "[[plot]]\nname = \"typo\"\nx = \"model.x\"\ny = \"EE\"\n"
-      "[[plot]]\nname = \"bad\"\nx = \"model.x\"\ny = \"E\"\nwhere = \"modle.x > 0\"\n";
+      "[[plot]]\nname = \"none\"\nx = \"model.x\"\ny = \"E\"\nwhere = \"h > 9\"\n";
   FakePipeline pipeline;
   const Record record = run_experiment(config_of(kGrid + plots), pipeline.registry(), {.folder = folder.path()});
   const std::string script = content_of(folder / "figures/curves.gp");
   EXPECT_THAT(script, HasSubstr("a = 0.5"));
   EXPECT_THAT(script, HasSubstr("a = 1.5"));
   EXPECT_THAT(script, HasSubstr("23.5"));
-  EXPECT_THAT(record.warnings, Contains(HasSubstr("plot 'typo': no row has both 'model.x' and 'EE'")));
-  EXPECT_THAT(record.warnings, Contains(HasSubstr("plot 'bad': condition 'modle.x > 0'")));
+  EXPECT_THAT(record.warnings, Contains(HasSubstr("plot 'none': no row has both 'model.x' and 'E'")));
   EXPECT_TRUE(fs::exists(folder / "figures/deformed.png"));
   EXPECT_TRUE(fs::exists(folder / "record.json"));
 }
 
-TEST(Runner, OutputOfKeysThatNoRowHasIsAWarning) {
+TEST(Runner, KeysThatNoRowWillHaveAreRefusedBeforeAnythingRuns) {
+  const std::string claim = "[[claim]]\ntext = \"t\"\nis = \"> 1\"\n";
+  const std::string accepted =
+      "accepted: swept keys: model.x, model.a; metrics of 'fake': E, h; set by the runner: mesh";
+  EXPECT_THAT(
+      config_error(kGrid + claim + "metric = \"EE\"\n"),
+      StartsWith("study.toml:10: key 'claim[0].metric': no row will have 'EE' (did you mean 'E'?); " + accepted));
+  EXPECT_THAT(config_error(kGrid + claim + "metric = \"E\"\nwhere = \"modle.x > 1\"\n"),
+              StartsWith("study.toml:11: key 'claim[0].where': no row will have 'modle.x' (did you mean 'model.x'?)"));
+  EXPECT_THAT(config_error(kGrid + claim + "metric = \"E\"\nrelative_to = \"model.b == 1\"\n"),
+              HasSubstr("key 'claim[0].relative_to': no row will have 'model.b'"));
+  EXPECT_THAT(config_error(kGrid + claim + "metric = \"E\"\nminus = \"model.b == 1\"\n"),
+              HasSubstr("key 'claim[0].minus': no row will have 'model.b'"));
+  EXPECT_THAT(config_error(kGrid + "[[claim]]\ntext = \"t\"\nmetric = \"E\"\nis = \"increasing\"\nalong = \"y\"\n"),
+              HasSubstr("key 'claim[0].along': no row will have 'y'; accepted"));
+  EXPECT_THAT(config_error(kGrid + "[output]\ncolumns = [\"E\", \"EE\"]\n"),
+              StartsWith("study.toml:8: key 'output.columns[1]': no row will have 'EE'"));
+  EXPECT_THAT(config_error(kGrid + "[output]\nrates = { e = \"model.x\" }\n"), HasSubstr("no row will have 'e'"));
+  EXPECT_THAT(config_error(kGrid + "[output]\nrates = { E = \"size\" }\n"), HasSubstr("no row will have 'size'"));
+  for (const std::string plot :
+       {"x = \"X\"\ny = \"E\"\n", "x = \"h\"\ny = \"X\"\n", "x = \"h\"\ny = \"E\"\nseries = [\"h\", \"X\"]\n",
+        "x = \"h\"\ny = \"E\"\nwhere = \"h > 1 and X == 2\"\n"}) {
+    EXPECT_THAT(config_error(kGrid + "[[plot]]\n" + plot), HasSubstr("no row will have 'X'"));
+  }
+  EXPECT_THAT(config_error("[model]\n[bisect]\nkey = \"model.x\"\nlow = 0\nhigh = 1\nuntil = \"EE > 1\"\n"),
+              HasSubstr("key 'bisect.until': no row will have 'EE'"));
+}
+
+TEST(Runner, WhatTheRunnerSetsCanBeNamed) {
+  FakePipeline pipeline;
+  const auto claim_on = [](const std::string& metric) {
+    return "[[claim]]\ntext = \"t\"\nmetric = \"" + metric + "\"\nis = \"> 1\"\n";
+  };
+  const std::string bisect = "[model]\n[bisect]\nkey = \"model.x\"\nlow = 0\nhigh = 1\nuntil = \"E > 1\"\n";
+  for (const char* key : {"bracket_low", "bracket_high", "bisect_runs", "bisect_found"}) {
+    EXPECT_EQ(check_experiment(config_of(bisect + claim_on(key)), pipeline.registry()), 1);
+    EXPECT_THAT(config_error(kGrid + claim_on(key)), HasSubstr("no row will have")) << "without [bisect]";
+  }
+  EXPECT_THAT(config_error(kGrid + claim_on("map_difference")), HasSubstr("no row will have"));
+  check_experiment(config_of(kGrid + "[compare]\nreference = \"model.x == 1\"\n" + claim_on("map_difference") +
+                             claim_on("probe_points")),
+                   pipeline.registry());
+  check_experiment(config_of(kGrid + "[output]\nrates = { E = \"h\" }\n" + claim_on("E_eoc")), pipeline.registry());
+}
+
+TEST(Runner, ClaimsOnRatesAreDecided) {
   const TemporaryFolder folder;
-  const Record record =
-      run_in(folder, kGrid + "[output]\ncolumns = [\"E\", \"EE\"]\nrates = { E = \"size\", e = \"model.x\" }\n");
-  EXPECT_THAT(record.warnings, ElementsAre("output.columns: no row has 'EE'", "output.rates: no row has 'size'",
-                                           "output.rates: no row has 'e'"));
+  const Record record = run_in(
+      folder,
+      "[model]\n[sweep]\n\"model.a\" = [1, 3]\n\"model.x\" = [4, 2, 1]\n[output]\nrates = { E = \"model.x\" }\n"
+      "[[claim]]\ntext = \"second order\"\nmetric = \"E_eoc\"\nwhere = \"model.x < 4\"\nis = \"in [1.99, 2.01]\"\n");
+  ASSERT_EQ(record.verdicts.size(), 1u);
+  EXPECT_EQ(record.verdicts[0].outcome, Verdict::Outcome::holds) << record.verdicts[0].reason;
+}
+
+TEST(Runner, APictureForEachNameWithAPanelForEachPoint) {
+  const TemporaryFolder folder;
+  FakePipeline pipeline;
+  const std::string text = "[model]\nname = \"surface\"\n[sweep]\n\"model.x\" = [1, 2]\n";
+  const auto paths = [&](const std::string& output) {
+    const Record record = run_experiment(config_of(text + output), pipeline.registry(), {.folder = folder.path()});
+    std::vector<std::string> found;
+    for (const FigureFile& figure : record.figures) found.push_back(figure.path);
+    return found;
+  };
+  EXPECT_THAT(paths(""), ElementsAre("figures/deformed", "figures/texture")) << "all that the pipeline offers";
+  EXPECT_THAT(paths("[output]\nfigures = [\"texture\"]\n"), ElementsAre("figures/texture"));
+  EXPECT_THAT(paths("[output]\nfigures = []\n"), IsEmpty());
+  EXPECT_TRUE(fs::exists(folder / "figures/texture.png"));
+  const std::string report = content_of(folder / "report.html");
+  EXPECT_THAT(report, testing::Not(HasSubstr("viewer-data")));
+
+  const Record record = run_experiment(config_of(text + "[output.camera]\ndirection = [0, 0, 1]\nup = [0, 1, 0]\n"),
+                                       pipeline.registry(), {.folder = folder.path()});
+  ASSERT_EQ(record.spatial.size(), 2u);
+  EXPECT_EQ(record.spatial[1].title, "x = 2, 1 flipped");
+  EXPECT_EQ(record.camera.direction, Eigen::Vector3d(0, 0, 1));
+  EXPECT_THAT(record.figures[1].caption,
+              "Texture. Squares: fixed vertices; discs: moved ones; open circles: soft constraints; red outlines: "
+              "flipped cells.");
+}
+
+TEST(Runner, CamerasThatMakeNoSenseAreRefused) {
+  const std::string camera = "[model]\n[output.camera]\n";
+  EXPECT_THAT(config_error(camera + "direction = [0, 1]\n"), HasSubstr("expected three numbers"));
+  EXPECT_THAT(config_error(camera + "direction = [0, 0, 1]\nup = [0, 0, 2]\n"), HasSubstr("two different directions"));
+  EXPECT_THAT(config_error(camera + "zoom = 0\n"), HasSubstr("zoom > 0"));
+  EXPECT_THAT(config_error(camera + "projection = \"isometric\"\n"), HasSubstr("\"orthographic\" or \"perspective\""));
+  EXPECT_THAT(config_error(camera + "eye = [0, 0, 1]\n"), HasSubstr("unknown key"));
+}
+
+TEST(Runner, SearchesAreRecordedTabledAndPlotted) {
+  const TemporaryFolder folder;
+  const std::string text =
+      "[model]\nx = 0\n[sweep]\n\"model.a\" = [1, 0.5]\n"
+      "[bisect]\nkey = \"model.x\"\nlow = 0\nhigh = 4\ntolerance = 0.5\nuntil = \"E >= 2\"\n";
+  FakePipeline pipeline;
+  const Record record = run_experiment(config_of(text), pipeline.registry(), {.folder = folder.path()});
+  const nlohmann::json searches = record_in(folder)["searches"];
+  ASSERT_EQ(searches.size(), 2u);
+  EXPECT_EQ(searches[0]["point"], "a = 1");
+  EXPECT_EQ(searches[0]["key"], "model.x");
+  EXPECT_EQ(searches[0]["found"], true);
+  EXPECT_EQ(searches[0]["value"], 1.5);
+  EXPECT_EQ(searches[0]["bracket_low"], 1.0);
+  EXPECT_EQ(searches[0]["metrics"], nlohmann::json::array({"E"}));
+  // 0, 4, 2, 1, 1.5: the trials in their order.
+  ASSERT_EQ(searches[0]["trials"].size(), 5u);
+  EXPECT_EQ(searches[0]["trials"][2], (nlohmann::json{{"model.x", 2.0},
+                                                      {"asked", "bisect"},
+                                                      {"held", true},
+                                                      {"E", 4.0},
+                                                      {"h", 2.0},
+                                                      {"positive", true},
+                                                      {"run", 3},
+                                                      {"third", 2.0 / 3.0},
+                                                      {"nan", nullptr},
+                                                      {"inf", nullptr},
+                                                      {"nothing", nullptr},
+                                                      {"name", "none"}}));
+  ASSERT_EQ(record.tables.size(), 2u);
+  EXPECT_THAT(content_of(folder / "report.html"), HasSubstr("Search: smallest model.x with E &gt;= 2, a = 1<"));
+  const std::string script = content_of(folder / "figures/search-1.gp");
+  EXPECT_THAT(script, HasSubstr("0 0\n1 1\n1.5 2.25\n2 4\n4 16\n"));
+  EXPECT_THAT(script, HasSubstr("set arrow from first 1.5, graph 0"));
+
+  // Finished points keep their searches.
+  FakePipeline resumed;
+  const Record again = run_experiment(config_of(text), resumed.registry(), {.folder = folder.path(), .resume = true});
+  EXPECT_EQ(resumed.runs(), 0);
+  EXPECT_EQ(record_in(folder)["searches"], searches);
 }
 
 TEST(Runner, TheFigureShowsNoMoreThanMaxPanels) {
@@ -483,7 +624,7 @@ TEST(Runner, TheFigureShowsNoMoreThanMaxPanels) {
   FakePipeline pipeline;
   const Record record =
       run_experiment(config_of(kGrid + "[output]\nmax_panels = 2\n"), pipeline.registry(), {.folder = folder.path()});
-  EXPECT_THAT(record.warnings, ElementsAre(HasSubstr("the first 2 results only")));
+  EXPECT_THAT(record.warnings, ElementsAre(HasSubstr("figure 'deformed' shows the first 2 results only")));
 }
 
 TEST(Runner, AFolderThatCannotBeMadeIsADataError) {
