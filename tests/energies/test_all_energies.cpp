@@ -35,6 +35,13 @@ std::vector<Domain> small_domains() {
           Domain(bar_surface_mesh(1.0, 0.5, 0.5, 0.25)), Domain(bar_tet_mesh(1.0, 1.0, 1.0, 0.5))};
 }
 
+// Whether the rest pose u = x costs nothing. It does for velocities, whose rest is u = 0, and for maps of curved
+// surfaces to the plane.
+bool rest_is_minimal(const std::string& name, const EnergyTraits& traits, const Domain& domain) {
+  const std::set<std::string> velocities = {"akvf", "metr", "conf", "auth", "phi"};
+  return velocities.count(name) == 0 && traits.dimension() == domain.ambient_dimension();
+}
+
 class RegisteredEnergy : public ::testing::TestWithParam<std::string> {};
 
 TEST_P(RegisteredEnergy, PassesTheSuiteOnEveryDomainItTakes) {
@@ -42,14 +49,16 @@ TEST_P(RegisteredEnergy, PassesTheSuiteOnEveryDomainItTakes) {
   int taken = 0;
   for (const Domain& domain : small_domains()) {
     const auto energy = entry.make(Parameters(entry.parameters));
+    EnergyTraits traits;
     try {
-      energy->traits(domain);
+      traits = energy->traits(domain);
     } catch (const UsageError&) {
       continue;
     }
     ++taken;
     // Default parameters describe deformations that leave the rest pose alone.
-    testing::check_energy(entry.name + " on " + to_string(domain.kind()), *energy, domain, true);
+    testing::check_energy(entry.name + " on " + to_string(domain.kind()), *energy, domain,
+                          rest_is_minimal(entry.name, traits, domain));
   }
   EXPECT_GT(taken, 0);
 }
