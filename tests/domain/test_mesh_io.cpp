@@ -337,6 +337,20 @@ const std::vector<Sample>& samples() {
   return list;
 }
 
+/// The unit square with a seam along its diagonal: six texture coordinates for four vertices.
+struct Seam {
+  Matrix uv;
+  IndexMatrix cells;
+};
+
+Seam seam() {
+  Seam result{Matrix(6, 2), IndexMatrix(2, 3)};
+  result.uv << 0.1, 1.0 / 3.0, -0.0, std::numeric_limits<double>::denorm_min(), 1e300, -1e-300, 2.0 / 3.0, 1e22,
+      std::nextafter(1.0, 2.0), 4.35, 7.0, -7.0;
+  result.cells << 5, 0, 1, 3, 4, 2;
+  return result;
+}
+
 class MeshIo : public ::testing::Test {
  protected:
   void SetUp() override {
@@ -367,6 +381,8 @@ class MeshIo : public ::testing::Test {
       write_mesh(path("written" + extension), square());
       files["written" + extension] = load("written" + extension);
     }
+    write_obj_uv(path("uv.obj"), square(), seam().uv, seam().cells);
+    files["uv.obj"] = load("uv.obj");
     for (const std::string extension : {".mesh", ".msh", ".vtu"}) {
       write_mesh(path("tetrahedron" + extension), unit_tetrahedron());
       files["tetrahedron" + extension] = load("tetrahedron" + extension);
@@ -398,8 +414,16 @@ std::string message_of(const std::function<void()>& action) {
 /// Reads a damaged file: either an error of the library or a mesh that is safe to use.
 void expect_error_or_mesh(const std::string& name, const std::string& content) {
   try {
-    const Mesh mesh = io::parse_mesh(name, content, {.triangulate_polygons = true}).mesh;
+    const MeshFile file = io::parse_mesh(name, content, {.triangulate_polygons = true});
+    const Mesh& mesh = file.mesh;
     ASSERT_GT(mesh.cell_count(), 0);
+    ASSERT_TRUE(file.uv_cells.rows() == 0 || file.uv_cells.rows() == mesh.cell_count());
+    ASSERT_EQ(file.uv_cells.rows() == 0, file.uv.rows() == 0);
+    if (file.uv.rows() > 0) {
+      ASSERT_GE(file.uv_cells.minCoeff(), 0);
+      ASSERT_LT(file.uv_cells.maxCoeff(), file.uv.rows());
+      ASSERT_TRUE(file.uv.allFinite());
+    }
     ASSERT_GE(mesh.cells.minCoeff(), 0);
     ASSERT_LT(mesh.cells.maxCoeff(), mesh.vertex_count());
     ASSERT_TRUE(mesh.positions.allFinite());
@@ -505,6 +529,64 @@ TEST_F(MeshIo, SplitsPolygonsOnlyOnRequest) {
     expect_same(split.mesh, expected);
     EXPECT_THAT(split.warnings, ElementsAre("split 1 polygons into triangles"));
   }
+}
+
+TEST_F(MeshIo, TextureCoordinatesRoundTripBitForBit) {
+  write_obj_uv(path("m.obj"), square(), seam().uv, seam().cells);
+  const MeshFile file = read_mesh(path("m.obj"));
+  expect_same(file.mesh, square());
+  EXPECT_EQ(bits(file.uv), bits(seam().uv));
+  EXPECT_EQ(file.uv_cells, seam().cells);
+  EXPECT_THAT(file.warnings, IsEmpty());
+  EXPECT_THAT(load("m.obj"), HasSubstr("f 1/6 2/1 3/2\nf 1/4 3/5 4/3\n"));
+
+  // The writer goes with the extension in upper case, and with planar meshes.
+  Mesh planar = square();
+  planar.positions = Matrix(planar.positions.leftCols(2));
+  write_obj_uv(path("m.OBJ"), planar, seam().uv, seam().cells);
+  expect_same(read_mesh(path("m.OBJ")).mesh, square());
+}
+
+TEST_F(MeshIo, ReadsVariantsOfTextureCoordinates) {
+  const std::string positions = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+  const auto read = [&](const std::string& content) {
+    return read_mesh(store("m.obj", content), {.triangulate_polygons = true});
+  };
+  // One and three coordinates, normals, negative indices, before and after the faces.
+  const MeshFile file = read(positions + "vt 0.5\nvt 1 2 3\nf 1/1/9 2/-1 3/3/4\nf 1/4 3/2/ 4/-2\nvt 5 6\nvt 7 8\n");
+  EXPECT_EQ(file.uv, (Matrix(4, 2) << 0.5, 0, 1, 2, 5, 6, 7, 8).finished());
+  EXPECT_EQ(file.uv_cells, (IndexMatrix(2, 3) << 0, 1, 2, 3, 1, 0).finished());
+  // Polygons are split alike.
+  const MeshFile quad = read(positions + "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/4 2/3 3/2 4/1\n");
+  EXPECT_EQ(quad.mesh.cells, (IndexMatrix(2, 3) << 0, 1, 2, 0, 2, 3).finished());
+  EXPECT_EQ(quad.uv_cells, (IndexMatrix(2, 3) << 3, 2, 1, 3, 1, 0).finished());
+  // Not on every face, not at every corner, not at all.
+  for (const std::string faces :
+       {"f 1/1 2/1 3/1\nf 1 3 4\n", "f 1/1 2/1 3/1\nf 1/1 3//5 4/1\n", "f 1 2 3\nf 1 3 4\n"}) {
+    const MeshFile none = read(positions + "vt 0.25 0.75\n" + faces);
+    EXPECT_EQ(none.mesh.cells, square().cells);
+    EXPECT_EQ(none.uv.size(), 0);
+    EXPECT_EQ(none.uv_cells.size(), 0);
+  }
+}
+
+TEST_F(MeshIo, RefusesToWriteTextureCoordinatesThatDoNotFit) {
+  const auto [uv, cells] = seam();
+  EXPECT_THAT(message_of<UsageError>([&] { write_obj_uv(path("m.ply"), square(), uv, cells); }),
+              HasSubstr("m.ply: expected an .obj file"));
+  EXPECT_THAT(message_of<UsageError>([&] { write_obj_uv(path("m.obj"), square(), uv, cells.topRows(1)); }),
+              HasSubstr("texture coordinates of 2 columns with 1 x 3 indices for 2 cells of 3 corners"));
+  EXPECT_THAT(message_of<UsageError>([&] { write_obj_uv(path("m.obj"), square(), Matrix::Zero(6, 3), cells); }),
+              HasSubstr("texture coordinates of 3 columns"));
+  EXPECT_THAT(message_of<UsageError>([&] { write_obj_uv(path("m.obj"), tetrahedra(), uv, cells); }),
+              HasSubstr("2 cells of 4 corners"));
+  EXPECT_THAT(message_of<DataError>([&] { write_obj_uv(path("m.obj"), square(), uv.topRows(5), cells); }),
+              HasSubstr("cell 0 (counted from 0): it names texture coordinates 5 of 5"));
+  Matrix broken = uv;
+  broken(3, 1) = std::numeric_limits<double>::infinity();
+  EXPECT_THAT(message_of<DataError>([&] { write_obj_uv(path("m.obj"), square(), broken, cells); }),
+              HasSubstr("texture coordinates 3 (counted from 0): they are not finite"));
+  EXPECT_TRUE(std::filesystem::is_empty(folder_));
 }
 
 TEST_F(MeshIo, StlWeldsEqualCoordinatesAcrossSignsOfZero) {
@@ -654,6 +736,21 @@ std::vector<BadFile> bad_files() {
       {"two.obj", obj + "\n\nf 1 2\n", "two.obj:6: found a face with 2 corners, expected at least 3"},
       {"points.obj", obj, "points.obj: found 3 vertices, expected triangles or tetrahedra"},
       {"sign.obj", "v +-1 0 0\n", "sign.obj:1: found '+-1', expected coordinate x"},
+
+      {"uvrange.obj", obj + "vt 0 0\nf 1/1 2/2 3/1\n",
+       "uvrange.obj:5: found texture coordinate index 2, expected 1 to 1"},
+      {"uvnone.obj", obj + "f 1/1 2/1 3/1\n",
+       "uvnone.obj:4: found texture coordinate index 1, expected texture coordinates"},
+      {"uvpartly.obj", obj + "vt 0 0\nf 1/9 2/1 3/1\nf 1 2 3\n",
+       "uvpartly.obj:5: found texture coordinate index 9, expected 1 to 1"},
+      {"uvzero.obj", obj + "vt 0 0\nf 1/0 2/1 3/1\n", "uvzero.obj:5: found '1/0', expected a texture coordinate index"},
+      {"uvnegative.obj", obj + "vt 0 0\nf 1/1 2/-2 3/1\n",
+       "uvnegative.obj:5: found '2/-2', expected a texture coordinate index from -1 to -1 or a positive one"},
+      {"uvsign.obj", obj + "vt 0 0\nf 1/1 2/1-1 3/1\n", "uvsign.obj:5: found '2/1-1', expected a corner of a face"},
+      {"uvnan.obj", obj + "vt 0 nan\n", "uvnan.obj:4: found texture coordinates (0, nan), expected finite numbers"},
+      {"uvword.obj", obj + "vt 0 x\n", "uvword.obj:4: found 'x', expected texture coordinate v"},
+      {"uvempty.obj", obj + "vt\n", "uvempty.obj:4: found the end of the line, expected texture coordinate u"},
+      {"uvlong.obj", obj + "vt 0 0 0 0\n", "uvlong.obj:4: found '0', expected the end of the line"},
 
       {"header.off", with(off, "OFF", "OOF"), "header.off:1: found 'OOF', expected 'OFF'"},
       {"binary.off", with(off, "OFF", "OFF BINARY"), "binary.off:1: found 'BINARY', expected a file in ASCII"},
