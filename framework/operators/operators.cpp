@@ -2,6 +2,7 @@
 #include "framework/operators/operators.h"
 
 #include <Eigen/Geometry>
+
 #include <vector>
 
 namespace variform {
