@@ -28,6 +28,12 @@ bool vanishes(double stiffness, const VectorFieldWeights& w, double trace) {
   return std::abs(stiffness) <= kRelativeZero * scale(w, trace);
 }
 
+// Its root; 0 where only rounding is left, which would be noise of 1e-8 after the root.
+double identity_root(const VectorFieldWeights& w, double trace) {
+  const double stiffness = identity_stiffness(w, trace);
+  return vanishes(stiffness, w, trace) ? 0.0 : std::sqrt(stiffness);
+}
+
 bool indefinite(const VectorFieldWeights& w, double trace) {
   return !(w.strain >= 0.0) || !(identity_stiffness(w, trace) >= -kRelativeZero * scale(w, trace));
 }
@@ -110,7 +116,7 @@ Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, int p) {
   const Eigen::Map<const Eigen::VectorXd> e(identity.data(), p * p);
   const Eigen::MatrixXd P_tr = e * e.transpose() / p;
   const Eigen::MatrixXd P_sym = 0.5 * (Eigen::MatrixXd::Identity(p * p, p * p) + commutation(p)) - P_tr;
-  return 2.0 * std::sqrt(weights.strain) * P_sym + std::sqrt(std::max(0.0, identity_stiffness(weights, p))) * P_tr;
+  return 2.0 * std::sqrt(weights.strain) * P_sym + identity_root(weights, p) * P_tr;
 }
 
 Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, const Eigen::MatrixXd& B) {
@@ -119,7 +125,7 @@ Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, const Eigen
   Vector values = eigen.eigenvalues();
   const double zero = kRelativeZero * values.cwiseAbs().maxCoeff();
   if (!(values.minCoeff() >= -zero)) refuse(weights, B.trace());
-  // Rounding leaves null directions slightly on either side of 0; their roots would be noise of 1e-8.
+  // As in identity_root.
   for (double& value : values) value = value <= zero ? 0.0 : std::sqrt(value);
   const Eigen::MatrixXd V = N * eigen.eigenvectors();
   return V * values.asDiagonal() * V.transpose();
@@ -235,7 +241,7 @@ void VectorFieldEnergy::cell(const Domain& domain, Index t, Eigen::Ref<Eigen::Ma
   // S = sqrt(strain) (I + K) + difference P_tr, applied to the gradient of each local unknown.
   const VectorFieldWeights w = weights(t, p);
   const double shear = std::sqrt(w.strain);
-  const double difference = (std::sqrt(std::max(0.0, identity_stiffness(w, p))) - 2.0 * shear) / p;
+  const double difference = (identity_root(w, p) - 2.0 * shear) / p;
   E.setZero();
   for (int i = 0; i <= p; ++i) {
     for (int c = 0; c < p; ++c) {

@@ -27,16 +27,17 @@ std::string message_of(const Call& call) {
   return "nothing thrown";
 }
 
-// One triangle with the given unit normal.
-Domain triangle_with_normal(const Eigen::Vector3d& n) {
+// Two triangles, the first with the given unit normal, the second at an angle with it.
+Domain fold_with_normal(const Eigen::Vector3d& n) {
   const Eigen::Vector3d a = n.unitOrthogonal();
   const Eigen::Vector3d b = n.cross(a);
-  Mesh mesh{Matrix(3, 3), IndexMatrix(1, 3)};
+  Mesh mesh{Matrix(4, 3), IndexMatrix(2, 3)};
   mesh.positions.row(0).setZero();
   mesh.positions.row(1) = (0.9 * a + 0.1 * b).transpose();
   mesh.positions.row(2) = (0.2 * a + 1.1 * b).transpose();
-  mesh.cells << 0, 1, 2;
-  return Domain(mesh, DomainKind::surface);
+  mesh.positions.row(3) = (-0.8 * a + 0.7 * n).transpose();
+  mesh.cells << 0, 1, 2, 0, 2, 3;
+  return Domain(mesh);
 }
 
 void expect_right_handed(const Domain& domain, const Matrix& frames) {
@@ -65,27 +66,27 @@ TEST(TangentFrames, AreOrthonormalAndRightHanded) {
   EXPECT_THROW(tangent_frames(Domain(bar_tet_mesh(1.0, 1.0, 1.0, 0.5))), UsageError);
 }
 
-// The rotation of least angle that takes n to z has n and z in the plane it turns in.
+// The rotation of least angle that takes n to z has their cross product as its axis.
 TEST(TangentFrames, OfMinimalRotationTurnAboutNCrossZ) {
   std::vector<Eigen::Vector3d> normals = {{0.0, 0.0, 1.0}, {1.0, 0.0, 0.0}, {0.0, -1.0, 0.0}, {0.3, -0.4, -0.8}};
   for (const double tilt : {1e-2, 1e-6, 1e-9, 1e-13}) normals.emplace_back(tilt, -0.4 * tilt, -1.0);
-  for (Eigen::Vector3d& n : normals) {
-    const Domain domain = triangle_with_normal(n.normalized());
+  normals.emplace_back(0.0, 0.0, -1.0);
+  for (const Eigen::Vector3d& wanted : normals) {
+    const Domain domain = fold_with_normal(wanted.normalized());
     const Matrix frames = tangent_frames(domain);
     expect_right_handed(domain, frames);
-    n = domain.normals().row(0);
-    Eigen::Matrix3d R;
+    const Eigen::Vector3d n = domain.normals().row(0);
+    Eigen::Matrix3d R;  // its rows go to x, y and z
     R.row(0) = frames.row(0).head(3);
     R.row(1) = frames.row(0).tail(3);
     R.row(2) = n.transpose();
-    const Eigen::Matrix3d least = Eigen::Quaterniond::FromTwoVectors(n, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-    // The comparison itself loses its axis near -z.
-    if (n[2] > -1.0 + 1e-6) {
-      EXPECT_LT((R - least).norm(), 1e-13);
-    }
+    const double sine = std::hypot(n[0], n[1]);
+    // Half a turn about any axis in the plane takes -z to z: x it is.
+    const Eigen::Vector3d axis =
+        sine > 0.0 ? Eigen::Vector3d(n[1] / sine, -n[0] / sine, 0.0) : Eigen::Vector3d::UnitX();
+    EXPECT_LT((R * axis - axis).norm(), 1e-14) << n.transpose();
+    EXPECT_NEAR(R.trace(), 1.0 + 2.0 * n[2], 1e-14) << n.transpose();  // the angle from n to z
   }
-  const Domain upside_down = triangle_with_normal(-Eigen::Vector3d::UnitZ());
-  expect_right_handed(upside_down, tangent_frames(upside_down));
 }
 
 TEST(TangentFrames, OfThePlaneAreItsAxes) {
@@ -261,12 +262,16 @@ TEST(TutteMap, RefusesWhatIsNoDisk) {
   EXPECT_THAT(refused(Domain(torus)), HasSubstr("Euler characteristic is -1"));
   const Domain solid(bar_tet_mesh(1.0, 1.0, 1.0, 0.5));
   EXPECT_THROW(default_pins(solid), UsageError);
-  // A strip one cell wide has inner edges from side to side only: its ears collapse on the square.
-  const Domain strip(rectangle_mesh({.width = 8.0, .height = 1.0, .h = 1.0}));
-  EXPECT_THAT(message_of([&] { tutte_map(strip, TutteBoundary::square, TutteWeights::uniform, *backend); }),
+  // An octagon in triangles around one of its vertices: every other side of it is an ear on one side of the square.
+  Mesh fan{Matrix(8, 2), IndexMatrix(6, 3)};
+  for (int i = 0; i < 8; ++i)
+    fan.positions.row(i) << std::cos(i * std::numbers::pi / 4), std::sin(i * std::numbers::pi / 4);
+  for (int i = 0; i < 6; ++i) fan.cells.row(i) << 0, i + 1, i + 2;
+  const Domain octagon(fan);
+  EXPECT_THAT(message_of([&] { tutte_map(octagon, TutteBoundary::square, TutteWeights::uniform, *backend); }),
               HasSubstr("use the circle"));
   EXPECT_TRUE(
-      distortion(strip, tutte_map(strip, TutteBoundary::circle, TutteWeights::uniform, *backend)).flipped.empty());
+      distortion(octagon, tutte_map(octagon, TutteBoundary::circle, TutteWeights::uniform, *backend)).flipped.empty());
   Mesh one{Matrix(3, 2), IndexMatrix(1, 3)};
   one.positions << 0, 0, 1, 0, 0, 1;
   one.cells << 0, 1, 2;

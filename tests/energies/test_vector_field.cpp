@@ -349,7 +349,20 @@ TEST(VectorFields, TurnWithTheMeshAndTheTensors) {
   }
 }
 
-// A strip with its middle pushed apart, everything symmetric about the diagonal of the axes.
+// Where a cell is turned inside out, the closest rotation is still one: the mirror of the weaker direction is not.
+TEST(RotatedTensors, FollowRotationsOnly) {
+  const Domain domain = square();
+  Matrix mirrored = domain.positions();
+  mirrored.col(0) *= 2.0;
+  mirrored.col(1) *= -1.0;
+  const Matrix tensor = row_of((Eigen::Matrix2d() << 2.0, 0.5, 0.5, 1.0).finished());
+  const Matrix carried = rotated_tensors(domain, mirrored, tensor);
+  for (Index t = 0; t < domain.cell_count(); ++t) EXPECT_LT((carried.row(t) - tensor).norm(), 1e-13);
+  EXPECT_THROW(rotated_tensors(domain, mirrored, Matrix::Ones(1, 9)), UsageError);
+  EXPECT_THROW(rotated_tensors(domain, mirrored.topRows(3), tensor), UsageError);
+}
+
+// A square with its middle pushed apart, everything symmetric about the diagonal of the axes.
 TEST(VectorFields, RespondSymmetricallyUnlessATensorIsStiffAlongOneAxis) {
   const Domain domain(rectangle_mesh({.h = 0.125, .tessellation = Tessellation::alternating}));
   const auto find = [&](double x, double y) {
