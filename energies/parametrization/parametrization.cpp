@@ -12,37 +12,21 @@
 #include <vector>
 
 #include "framework/base/error.h"
+#include "framework/topology/topology.h"
 
 namespace variform {
 namespace {
 
-// Vertices of the one boundary of a disk, in the direction of its cells, from the one with the lowest number.
+// Vertices of the one boundary of a disk, in the direction of its cells.
 std::vector<Index> boundary_loop(const Domain& domain, const char* what) {
-  const auto refuse = [&](const std::string& why) {
-    throw DataError(fmt::format("{}: the domain must be a disk, but {}; cut it open first", what, why));
-  };
-  if (domain.kind() == DomainKind::tetrahedral) throw UsageError(fmt::format("{}: triangles only", what));
-  const IndexMatrix& edges = domain.boundary_facets();
-  if (domain.component_count() != 1) refuse(fmt::format("it has {} components", domain.component_count()));
-  if (edges.rows() == 0) refuse("it is closed");
-  std::vector<Index> next(domain.vertex_count(), -1);
-  for (Index e = 0; e < edges.rows(); ++e) {
-    if (next[edges(e, 0)] >= 0) refuse(fmt::format("its boundary touches itself at vertex {}", edges(e, 0)));
-    next[edges(e, 0)] = edges(e, 1);
+  const Topology found = topology(domain);
+  if (!found.is_disk()) {
+    throw DataError(
+        fmt::format("{}: the domain must be a disk, but it has {} component(s), {} boundary loop(s), genus {} and {} "
+                    "vertices where it touches itself; cut it open first",
+                    what, found.components, found.boundary_loops, found.genus, found.singular_vertices));
   }
-  const auto start =
-      static_cast<Index>(std::find(domain.boundary_vertices().begin(), domain.boundary_vertices().end(), true) -
-                         domain.boundary_vertices().begin());
-  std::vector<Index> loop = {start};
-  for (Index v = next[start]; v != start; v = next[v]) loop.push_back(v);
-  if (static_cast<Index>(loop.size()) != edges.rows()) {
-    refuse(fmt::format("it has more than one boundary: the one of vertex {} has {} of {} edges", start, loop.size(),
-                       edges.rows()));
-  }
-  const auto edge_count = domain.facet_count() + static_cast<Index>(edges.rows());
-  const Index characteristic = domain.vertex_count() - edge_count + domain.cell_count();
-  if (characteristic != 1) refuse(fmt::format("its Euler characteristic is {}, not 1", characteristic));
-  return loop;
+  return boundary_loops(domain).front();
 }
 
 // Position of each vertex of the loop along it as a fraction of its length, and 1 at the end.
