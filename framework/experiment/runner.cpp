@@ -767,11 +767,11 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
     const std::string key = checkpoint_key(config, plan, at, options);
     const std::string name = fmt::format("point-{:04}", point);
     const fs::path checkpoint = options.folder / "points" / (name + ".json");
-    const std::string mesh = "meshes/" + name + ".obj";
     std::optional<PointResult> result;
     if (options.resume) result = load_point(checkpoint, key);
     // Only the mesh itself is not in the checkpoint.
-    if (result && result->metrics.find("mesh") != nullptr && !fs::exists(options.folder / mesh)) result.reset();
+    const Value* written = result ? result->metrics.find("mesh") : nullptr;
+    if (written != nullptr && !fs::exists(options.folder / to_text(*written))) result.reset();
     if (!result) {
       fs::remove(checkpoint, failed);  // it does not belong to the mesh that is written next
       try {
@@ -781,6 +781,8 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
         throw_error(error.exit_code(), fmt::format("{} (at {})", error.what(), assignments(row)));
       }
       if (result->mesh.cell_count() > 0) {
+        const bool tetrahedra = result->mesh.cells.cols() == 4;
+        const std::string mesh = "meshes/" + name + (tetrahedra ? ".mesh" : ".obj");
         if (result->uv.size() > 0) {
           write_obj_uv(options.folder / mesh, result->mesh, result->uv, result->uv_cells);
         } else {
