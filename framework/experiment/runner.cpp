@@ -767,11 +767,15 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
     const std::string key = checkpoint_key(config, plan, at, options);
     const std::string name = fmt::format("point-{:04}", point);
     const fs::path checkpoint = options.folder / "points" / (name + ".json");
+    const std::string fields = "meshes/" + name + ".vtu";
     std::optional<PointResult> result;
     if (options.resume) result = load_point(checkpoint, key);
     // Only the mesh itself is not in the checkpoint.
-    const Value* written = result ? result->metrics.find("mesh") : nullptr;
-    if (written != nullptr && !fs::exists(options.folder / to_text(*written))) result.reset();
+    const Value* const written = result ? result->metrics.find("mesh") : nullptr;
+    if (written != nullptr &&
+        !(fs::exists(options.folder / to_text(*written)) && fs::exists(options.folder / fields))) {
+      result.reset();
+    }
     if (!result) {
       fs::remove(checkpoint, failed);  // it does not belong to the mesh that is written next
       try {
@@ -785,10 +789,10 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
         const std::string mesh = "meshes/" + name + (tetrahedra ? ".mesh" : ".obj");
         if (result->uv.size() > 0) {
           write_obj_uv(options.folder / mesh, result->mesh, result->uv, result->uv_cells);
-        } else {
+        } else if (mesh != fields) {
           write_mesh(options.folder / mesh, result->mesh);
         }
-        write_mesh(options.folder / "meshes" / (name + ".vtu"), result->mesh, result->fields);
+        write_mesh(options.folder / fields, result->mesh, result->fields);
         result->metrics.set("mesh", mesh);
       }
       save_point(checkpoint, key, *result);

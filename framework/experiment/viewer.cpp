@@ -390,4 +390,9 @@ std::string viewer_html(const std::vector<MeshFigure>& figures, const Camera& ca
                      *scripts, kScript);
 }
 
+fs::path viewer_library() {
+  fs::path looked_at;
+  return library(looked_at) ? looked_at : fs::path();
+}
+
 }  // namespace variform

@@ -160,6 +160,21 @@ TEST(GaussNewton, FirstStepFromRestIsLarap) {
   EXPECT_LT((domain.positions() + step - linear.solve(*b)).cwiseAbs().maxCoeff(), 1e-11);
 }
 
+TEST(GaussNewton, ReturnsTheConstraintsWhereAllVerticesAreFixed) {
+  const Domain domain(rectangle_mesh({.h = 0.5}));
+  Matrix U = domain.positions();
+  U(4, 0) += 0.1;
+  Constraints constraints(domain.vertex_count(), 2);
+  for (Index v = 0; v < domain.vertex_count(); ++v) constraints.fix(v, U.row(v));
+  const auto energy = make("arap");
+  Problem problem(domain, *energy, {.beta = 0.2}, constraints);
+  const auto linear = make_linear_backend("auto");
+  ProblemObjective objective(problem, *linear);
+  const auto backend = make_nonlinear_backend("gauss_newton");
+  EXPECT_EQ(backend->minimize(objective, U, {}), U);
+  EXPECT_TRUE(backend->report().converged);
+}
+
 TEST(GaussNewton, NeedsAFeasibleStartAndProjectedTargets) {
   const Domain domain(rectangle_mesh({.h = 0.25}));
   const auto linear = make_linear_backend("eigen.ldlt");
