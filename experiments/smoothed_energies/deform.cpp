@@ -5,9 +5,11 @@
 #include <cmath>
 
 #include "energies/energies.h"
+#include "energies/gradient/poisson.h"
 #include "experiments/smoothed_energies/study.h"
 #include "framework/base/error.h"
 #include "framework/operators/distortion.h"
+#include "framework/operators/operators.h"
 
 namespace variform {
 namespace {
@@ -98,10 +100,22 @@ double spike_height(const Domain& domain, const Matrix& U, const std::vector<Ind
   return height;
 }
 
+// The gradients that the coordinates have at rest: I, less the normal part on surfaces.
+std::unique_ptr<Energy> poisson_at_rest(const Domain& domain) {
+  const int p = domain.ambient_dimension();
+  Matrix guidance(domain.cell_count(), p * p);
+  for (Index t = 0; t < domain.cell_count(); ++t) {
+    const Eigen::MatrixXd F = deformation(domain, t, domain.positions());
+    guidance.row(t) = Eigen::Map<const Eigen::RowVectorXd>(F.data(), F.size());
+  }
+  return make_poisson(guidance, p);
+}
+
 Matrix start_state(const Study& study) {
   if (study.solver.start != "rest") {
-    const EnergyEntry& entry = energies().find(study.solver.start);
-    const auto start = entry.make(Parameters(entry.parameters));
+    const EnergyEntry& larap = energies().find("larap");
+    const auto start =
+        study.solver.start == "larap" ? larap.make(Parameters(larap.parameters)) : poisson_at_rest(study.domain);
     return Problem(study.domain, *start, study.norm.options, study.constraints).solve(*study.solver.linear);
   }
   Matrix U = study.domain.positions();
