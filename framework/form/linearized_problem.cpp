@@ -127,7 +127,9 @@ Direction LinearizedProblem::direction(const Matrix& U, double damping, LinearBa
   SparseMatrix K = reduction_->matrix();
   const double shift = free > 0 ? damping * Vector(K.diagonal()).head(free).mean() : 0.0;
   for (Index i = 0; i < free; ++i) K.coeffRef(i, i) += shift;
-  backend.factorize(K, reduction_->indefinite() ? MatrixKind::symmetric_indefinite : MatrixKind::spd);
+  // A general LU solves definite systems too.
+  const bool definite = !reduction_->indefinite() && backend.capabilities().spd;
+  backend.factorize(K, definite ? MatrixKind::spd : MatrixKind::symmetric_indefinite);
   const Eigen::MatrixXd b = reduction_->right_hand_side(assembly_->matrix(), assembly_->right_hand_side(), constraints);
   const Eigen::MatrixXd y = backend.solve(b);
   Direction direction;

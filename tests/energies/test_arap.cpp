@@ -175,6 +175,21 @@ TEST(GaussNewton, ReturnsTheConstraintsWhereAllVerticesAreFixed) {
   EXPECT_TRUE(backend->report().converged);
 }
 
+TEST(GaussNewton, WorksWithBackendsForGeneralMatrices) {
+  const Domain domain(rectangle_mesh({.h = 0.25, .jitter = 0.2}));
+  const Constraints constraints = dragged_centre(domain, Eigen::RowVector2d(0.1, 0.05));
+  const auto energy = make("arap");
+  const auto minimized = [&](const std::string& name) {
+    Problem problem(domain, *energy, {.beta = 0.2}, constraints);
+    const auto linear = make_linear_backend(name);
+    ProblemObjective objective(problem, *linear);
+    Matrix start = domain.positions();
+    for (const auto& fixed : constraints.fixed()) start.row(fixed.vertex) = fixed.value;
+    return make_nonlinear_backend("gauss_newton")->minimize(objective, start, {});
+  };
+  EXPECT_LE((minimized("eigen.lu") - minimized("eigen.ldlt")).cwiseAbs().maxCoeff(), 1e-9);
+}
+
 TEST(GaussNewton, NeedsAFeasibleStartAndProjectedTargets) {
   const Domain domain(rectangle_mesh({.h = 0.25}));
   const auto linear = make_linear_backend("eigen.ldlt");
