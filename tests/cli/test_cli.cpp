@@ -699,7 +699,9 @@ TEST_F(Cli, AValueGivenByHandIsNotSwept) {
 /// What the project ships runs, and says of its claims what the documentation says.
 TEST_F(Cli, ShippedExperimentsHoldTheirClaims) {
   const std::string folder = VARIFORM_SOURCE_DIR "/experiments/smoothed_energies/";
-  for (const std::string name : {"demo", "benchmark-p1-square", "benchmark-p4-p1"}) {
+  for (const std::string name :
+       {"demo", "benchmark-p1-square", "benchmark-p4-p1", "benchmark-s2-rest", "benchmark-l1-lscm", "benchmark-v1-tet",
+        "benchmark-k-energies", "figure-51a", "sweep-scale"}) {
     const Result result = call({"reproduce", folder + name + ".toml", "--out", "{}/out", "--no-figures", "--quiet"});
     EXPECT_EQ(result.code, 0) << name << "\n" << result.out << result.err;
   }
@@ -708,7 +710,8 @@ TEST_F(Cli, ShippedExperimentsHoldTheirClaims) {
 /// Where the real meshes are at hand (VARIFORM_DATA), the main job runs on them; elsewhere it says that it skips them.
 TEST_F(Cli, RealMeshesRunWhereTheyAre) {
   const std::string folder = VARIFORM_SOURCE_DIR "/experiments/smoothed_energies/";
-  for (const std::string name : {"real-woody", "real-lego", "real-kangaroo", "real-hele-shaw", "real-annulus"}) {
+  for (const std::string name : {"real-woody", "real-lego", "real-kangaroo", "real-hele-shaw", "real-annulus",
+                                 "real-snail", "real-octopus-tet"}) {
     const Result result = call({"reproduce", folder + name + ".toml", "--out", "{}/out", "--no-figures", "--set",
                                 "sweep={ \"norm.beta\" = [0.2, 0.4] }"});
     EXPECT_EQ(result.code, 0) << name << "\n" << result.out << result.err;
