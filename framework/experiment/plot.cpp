@@ -99,6 +99,7 @@ std::string axis_settings(char axis, const std::string& label, bool logarithmic,
 }
 
 constexpr std::size_t kMostMarkers = 60;
+constexpr std::size_t kLongestSideLabel = 30;
 
 /// The script, and whether there is anything to draw.
 struct Script {
@@ -135,8 +136,12 @@ Script script_of(const LinePlot& plot, const std::string& name) {
       "set border 3 linecolor '#444444'\n"
       "set tics nomirror textcolor '#222222'\n"
       "set grid linecolor '#d8d8d8' linetype 1 linewidth 0.6\n"
-      "set key outside right top Left reverse samplen 2\n"
       "set pointsize 0.75\n";
+  // Beside the plot long labels would leave no room for it.
+  std::size_t longest = 0;
+  for (const Curve& curve : plot.curves) longest = std::max(longest, curve.label.size());
+  script.text += longest > kLongestSideLabel ? "set key below left Left reverse samplen 2 maxcols 1\n"
+                                             : "set key outside right top Left reverse samplen 2\n";
   for (const double mark : plot.marks) {
     if (!(mark >= x.low && mark <= x.high)) continue;
     script.text += fmt::format(
