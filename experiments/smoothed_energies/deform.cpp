@@ -27,10 +27,18 @@ Index read_lattice(const Config& config) {
   return static_cast<Index>(config.root().at("probe").parameters(kProbeParameters).integer("lattice"));
 }
 
+// Metrics of a result that depend on what u is.
+std::vector<Metric> own_metrics() {
+  return distortion_metrics(
+      {{{"displacement"}, "largest change of a coordinate by the diameter"},
+       {{"spike"}, "largest distance of a moved vertex from the mean of its neighbours"},
+       {{"boundary_crossings", "crossings"}, "planar: pairs of boundary edges that cross in the result"}});
+}
+
 void check(const Config& config) {
   check_domain(config.root().at("domain"));
   read_energy(config.root().at("energy"), false);
-  read_norm(config);
+  read_norm(config, own_metrics());
   read_solver(config, kStarts);
   check_constraints(constraint_tables(config));
   read_lattice(config);
@@ -134,7 +142,7 @@ PointResult run(const Config& config) {
         fmt::format("this energy maps a {} mesh to dimension {}: no deformation (see pipeline parametrize)",
                     to_string(domain.kind()), traits.dimension()));
   }
-  const NormChoice norm = read_norm(config);
+  const NormChoice norm = read_norm(config, own_metrics());
   SolverChoice solver = read_solver(config, kStarts);
   const LoadedConstraints constraints = load_constraints(constraint_tables(config), loaded);
   const Index lattice = read_lattice(config);
@@ -186,10 +194,7 @@ PointResult run(const Config& config) {
 std::vector<Metric> metrics() {
   const std::vector<Metric> compared = {
       {{"map_difference"}, "with [compare]: largest distance of probe images from the reference, by the diameter"}};
-  std::vector<Metric> all = study_metrics(distortion_metrics(
-      {{{"displacement"}, "largest change of a coordinate by the diameter"},
-       {{"spike"}, "largest distance of a moved vertex from the mean of its neighbours"},
-       {{"boundary_crossings", "crossings"}, "planar: pairs of boundary edges that cross in the result"}}));
+  std::vector<Metric> all = study_metrics(own_metrics());
   all.insert(all.end(), compared.begin(), compared.end());
   return all;
 }

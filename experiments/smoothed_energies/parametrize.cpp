@@ -35,10 +35,18 @@ Parameters read_map(const Config& config) {
   return config.root().at("parametrization").parameters(kMapParameters);
 }
 
+// Metrics of a result that depend on what u is.
+std::vector<Metric> own_metrics() {
+  return distortion_metrics(
+      {{{"start_flipped", "flipped at start"}, "nonlinear energies: triangles that the start has mirrored"},
+       {{"displacement"}, "largest change of a coordinate from the initial map, by the diameter of the surface"},
+       {{"boundary_crossings", "crossings"}, "pairs of boundary edges that cross in the map"}});
+}
+
 void check(const Config& config) {
   check_domain(config.root().at("domain"));
   read_energy(config.root().at("energy"), false);
-  read_norm(config);
+  read_norm(config, own_metrics());
   read_solver(config, kStarts);
   check_constraints(constraint_tables(config));
   read_map(config);
@@ -95,7 +103,7 @@ PointResult run(const Config& config) {
     root.at("energy").at("type").fail(fmt::format("this energy maps a {} mesh to dimension {}: no parametrization",
                                                   to_string(domain.kind()), traits.dimension()));
   }
-  const NormChoice norm = read_norm(config);
+  const NormChoice norm = read_norm(config, own_metrics());
   SolverChoice solver = read_solver(config, kStarts);
   const Parameters map = read_map(config);
   const bool linear = traits.state == StateDependence::none;
@@ -149,12 +157,7 @@ PointResult run(const Config& config) {
   return result;
 }
 
-std::vector<Metric> metrics() {
-  return study_metrics(distortion_metrics(
-      {{{"start_flipped", "flipped at start"}, "nonlinear energies: triangles that the start has mirrored"},
-       {{"displacement"}, "largest change of a coordinate from the initial map, by the diameter of the surface"},
-       {{"boundary_crossings", "crossings"}, "pairs of boundary edges that cross in the map"}}));
-}
+std::vector<Metric> metrics() { return study_metrics(own_metrics()); }
 
 std::vector<Section> sections() {
   std::vector<Section> all = study_sections(kStarts);

@@ -10,6 +10,7 @@
 #include "framework/base/error.h"
 #include "framework/base/stopwatch.h"
 #include "framework/domain/quality.h"
+#include "framework/experiment/known_keys.h"
 #include "framework/operators/distortion.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
@@ -68,7 +69,12 @@ std::vector<Parameter> without(const std::vector<Parameter>& parameters, const s
   return rest;
 }
 
-BetaSearch read_search(const ConfigNode& norm) {
+// Metrics of every trial of a search, beside those of the pipeline.
+const std::vector<std::string> kTrialMetrics = {"energy",      "energy_R",         "energy_W",
+                                                "energy_mean", "local_energy_max", "soft_error",
+                                                "hard_error",  "iterations",       "converged"};
+
+BetaSearch read_search(const ConfigNode& norm, const std::vector<Metric>& own) {
   Parameters p(kAutoParameters);
   if (norm.has("auto")) p = norm.at("auto").parameters(kAutoParameters);
   BetaSearch search;
@@ -77,6 +83,13 @@ BetaSearch read_search(const ConfigNode& norm) {
   const Condition until = norm.has("auto") && norm.at("auto").has("until")
                               ? norm.at("auto").at("until").located(read_condition)
                               : read_condition();
+  if (norm.has("auto") && norm.at("auto").has("until")) {
+    KnownKeys known;
+    std::vector<std::string> keys = kTrialMetrics;
+    for (const Metric& metric : own) keys.push_back(metric.column.key);
+    known.add("metrics of a trial", keys);
+    known.require(norm.at("auto").at("until"), until);
+  }
   search.threshold = smallest_beta(until, p.number("start"), p.number("tolerance"), p.number("high"));
   search.threshold.key = "norm.beta";
   search.corner = {.residual = "energy",
@@ -162,7 +175,7 @@ std::unique_ptr<Energy> read_energy(const ConfigNode& node, bool velocities) {
   return node.located([&] { return entry.make(parameters); });
 }
 
-NormChoice read_norm(const Config& config) {
+NormChoice read_norm(const Config& config, const std::vector<Metric>& own) {
   if (!config.root().has("norm")) return {};
   const ConfigNode node = config.root().at("norm");
   NormChoice choice;
@@ -173,7 +186,7 @@ NormChoice read_norm(const Config& config) {
                       searches ? std::vector<std::string>{"beta", "auto"} : std::vector<std::string>{"auto"});
   choice.options = {0.0, facet_weight_from(p.string("facet_weight")),
                     p.string("regularizer") == "tikhonov" ? Regularizer::tikhonov : Regularizer::energy_smoothness};
-  const BetaSearch search = read_search(node);  // checked, whether it is used or not
+  const BetaSearch search = read_search(node, own);  // checked, whether it is used or not
   if (searches) {
     choice.search = search;
   } else {

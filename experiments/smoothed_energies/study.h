@@ -61,7 +61,8 @@ std::vector<Metric> distortion_metrics(const std::vector<Metric>& more);
 
 /// Reads [energy]; velocities: which of the energies make sense. Throws UsageError naming the key.
 std::unique_ptr<Energy> read_energy(const ConfigNode& node, bool velocities);
-NormChoice read_norm(const Config& config);
+/// own: the metrics of Study::measure, which the condition of a search may ask for. Throws UsageError naming the key.
+NormChoice read_norm(const Config& config, const std::vector<Metric>& own);
 /// starts: accepted values of solver.start, the first is the default.
 SolverChoice read_solver(const Config& config, const std::vector<std::string>& starts);
 /// The parameters of [norm], [norm.auto] and [solver], for listings.

@@ -19,10 +19,15 @@ double read_step(const Config& config) {
   return config.root().at("flow").parameters(kFlowParameters).number("step");
 }
 
+// Metrics of a result that depend on what u is.
+std::vector<Metric> own_metrics() {
+  return distortion_metrics({{{"speed_max", "max |v|"}, "largest velocity of a vertex"}});
+}
+
 void check(const Config& config) {
   check_domain(config.root().at("domain"));
   read_energy(config.root().at("energy"), true);
-  read_norm(config);
+  read_norm(config, own_metrics());
   read_solver(config, kStarts);
   check_constraints(constraint_tables(config), true);
   read_step(config);
@@ -34,7 +39,7 @@ PointResult run(const Config& config) {
   const Domain& domain = loaded.domain;
   const auto energy = read_energy(root.at("energy"), true);
   root.at("energy").at("type").located([&] { return energy->traits(domain); });
-  const NormChoice norm = read_norm(config);
+  const NormChoice norm = read_norm(config, own_metrics());
   SolverChoice solver = read_solver(config, kStarts);
   const LoadedConstraints constraints = load_constraints(constraint_tables(config), loaded, {.velocities = true});
   const double step = read_step(config);
@@ -68,9 +73,7 @@ PointResult run(const Config& config) {
   return result;
 }
 
-std::vector<Metric> metrics() {
-  return study_metrics(distortion_metrics({{{"speed_max", "max |v|"}, "largest velocity of a vertex"}}));
-}
+std::vector<Metric> metrics() { return study_metrics(own_metrics()); }
 
 std::vector<Section> sections() {
   std::vector<Section> all = study_sections(kStarts);
