@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "framework/base/error.h"
@@ -37,6 +38,7 @@ Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const 
   Matrix U = U0;
   report_.history.push_back({0, value(objective, U), 0.0, watch.seconds()});
   while (report_.iterations < options.max_iterations) {
+    whole_ = 0.0;
     const Matrix next = step(objective, U);
     if (!next.allFinite()) {
       throw SolverError(fmt::format("nonlinear backend '{}': a coordinate is not finite after iteration {}", name,
@@ -52,7 +54,7 @@ Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const 
     }
     const bool go_on = !observer || observer(report_.history.back());
     if (stopped_) break;
-    if (change <= options.tolerance) {
+    if (std::max(change, whole_ / objective.length_scale()) <= options.tolerance) {
       report_.converged = true;
       report_.reason = fmt::format("step {:.3g} at most tolerance {:.3g}", change, options.tolerance);
       break;

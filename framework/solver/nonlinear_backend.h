@@ -54,7 +54,7 @@ class Objective {
 };
 
 struct NonlinearOptions {
-  double tolerance = 1e-6;  ///< stop when no coordinate moves more than this times the length scale
+  double tolerance = 1e-6;  ///< stop when no coordinate moves more than this times the length scale, by a whole step
   int max_iterations = 500;
 };
 
@@ -106,11 +106,16 @@ class NonlinearBackend {
   /// Ends the run after this step: whether that counts as convergence, and the rule with its numbers.
   void stop(bool converged, std::string reason);
 
+  /// Says that this step is a part only of one with this largest change of a coordinate (line search, damping): that
+  /// the part is small is no sign of convergence.
+  void part_of(double whole) { whole_ = whole; }
+
   /// The last row of the history: the state that step() starts from.
   const NonlinearStep& last() const { return report_.history.back(); }
 
  private:
   bool stopped_ = false;
+  double whole_ = 0.0;
   NonlinearReport report_;
 };
 

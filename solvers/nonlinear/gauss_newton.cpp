@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "solvers/nonlinear/nonlinear_backends.h"
 
@@ -25,10 +26,19 @@ class GaussNewton final : public NonlinearBackend {
     for (int attempt = 0; attempt < kAttempts; ++attempt) {
       const Direction direction = objective.gauss_newton(U, damping_);
       if (!direction.step.allFinite()) return direction.step;  // minimize() says so
-      // What a full step can gain at most is below what rounding leaves of the energy.
+      // What a full step can gain at most is below what rounding leaves of the energy. Damping makes every step small,
+      // so that only an undamped one tells.
       if (-direction.slope <= rate_ * energy || direction.slope == 0.0) {
-        stop(true, fmt::format("predicted decrease {:.3g} at most {:.3g} of the energy {:.6g}", -0.5 * direction.slope,
-                               0.5 * rate_, energy));
+        const double slope = damping_ > least_ ? objective.gauss_newton(U, least_).slope : direction.slope;
+        const bool converged = -slope <= rate_ * energy || slope == 0.0;
+        stop(converged, fmt::format("predicted decrease {:.3g} {} {:.3g} of the energy {:.6g}{}", -0.5 * slope,
+                                    converged ? "at most" : "above", 0.5 * rate_, energy,
+                                    converged ? "" : ", but no step gets there"));
+        return U;
+      }
+      const double whole = direction.step.size() > 0 ? direction.step.cwiseAbs().maxCoeff() : 0.0;
+      if (damping_ <= least_ && whole <= kRounding * objective.length_scale()) {
+        stop(true, fmt::format("step {:.3g} is rounding", whole / objective.length_scale()));
         return U;
       }
       double length = 1.0;
@@ -36,6 +46,12 @@ class GaussNewton final : public NonlinearBackend {
         Matrix next = U + length * direction.step;
         const double trial = objective.value(next).objective();
         if (trial <= energy + 1e-4 * length * direction.slope) {
+          if (length < 1.0 || damping_ > least_) {
+            part_of(damping_ > least_ ? std::numeric_limits<double>::infinity() : whole);
+          }
+          if (length < 1.0 && energy - trial <= kStall * energy) {
+            stop(false, fmt::format("line search stalls at energy {:.6g}", energy));
+          }
           if (attempt == 0 && length == 1.0) damping_ = std::max(least_, 0.1 * damping_);
           return next;
         }
@@ -47,6 +63,8 @@ class GaussNewton final : public NonlinearBackend {
   }
 
  private:
+  static constexpr double kRounding = 1e-13;  // of a step, by the length scale
+  static constexpr double kStall = 1e-15;     // of the energy: what is left of a step that the line search cut short
   static constexpr int kHalvings = 30;
   static constexpr int kAttempts = 5;
   double least_;
