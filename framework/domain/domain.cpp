@@ -61,8 +61,6 @@ Domain::Domain(const Mesh& mesh, DomainKind kind)
   update_geometry();
 }
 
-double Domain::diameter() const { return (positions_.colwise().maxCoeff() - positions_.colwise().minCoeff()).norm(); }
-
 void Domain::build_connectivity() {
   // A half facet is facet i of cell t, numbered t (m+1) + i.
   const int corners = m_ + 1;
@@ -174,6 +172,10 @@ void Domain::set_positions(const Matrix& positions) {
 void Domain::update_geometry() {
   const Index cells = cell_count();
   const int corners = m_ + 1;
+  using Point = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, 3>;
+  const Point low = positions_.colwise().minCoeff();
+  const Point high = positions_.colwise().maxCoeff();
+  diameter_ = (high - low).norm();
   cell_measures_.resize(cells);
   gradients_.resize(static_cast<std::size_t>(cells) * p_ * corners);
   if (kind_ == DomainKind::surface) normals_.resize(cells, 3);
