@@ -22,6 +22,7 @@
 #include "framework/domain/quality.h"
 #include "framework/experiment/domain_source.h"
 #include "framework/experiment/runner.h"
+#include "framework/experiment/viewer.h"
 #include "solvers/linear/blas.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
@@ -402,6 +403,9 @@ ExitCode doctor() {
   const bool plots = std::system("command -v gnuplot > /dev/null 2>&1") ==
                      0;  // NOLINT(bugprone-command-processor,cert-env33-c): fixed text
   fmt::print("gnuplot: {}\n", plots ? "found" : "not found: line plots are left out (package gnuplot-nox)");
+  const fs::path viewer = viewer_library();
+  fmt::print("three.js: {}\n",
+             viewer.empty() ? "not found: reports have no interactive view (package libjs-three)" : viewer.string());
   if (const char* data = std::getenv("VARIFORM_DATA")) fmt::print("VARIFORM_DATA: {}\n", data);
   fmt::print("{}\n", well && plots ? "all well" : "see above");
   return ExitCode::done;

@@ -138,6 +138,17 @@ void set_energies(const Problem& problem, const Outcome& outcome, Row& row) {
   row.set("local_energy_max", outcome.residual.rowwise().squaredNorm().maxCoeff());
 }
 
+void set_constraint_errors(const Constraints& constraints, const Matrix& U, Row& row) {
+  double soft_error = 0.0;
+  for (const auto& soft : constraints.soft())
+    soft_error = std::max(soft_error, (U.row(soft.vertex) - soft.value).norm());
+  double hard_error = 0.0;
+  for (const auto& fixed : constraints.fixed())
+    hard_error = std::max(hard_error, (U.row(fixed.vertex) - fixed.value).norm());
+  row.set("soft_error", soft_error);
+  row.set("hard_error", hard_error);
+}
+
 }  // namespace
 
 std::unique_ptr<Energy> read_energy(const ConfigNode& node, bool velocities) {
@@ -216,17 +227,21 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
   Outcome outcome;
   double beta = study.norm.options.beta;
   Matrix start = study.start;
+  const auto measured_now = [&] {
+    Row row;
+    set_energies(problem, outcome, row);
+    study.measure(outcome.U, row);
+    set_constraint_errors(study.constraints, outcome.U, row);
+    row.set("iterations", static_cast<std::int64_t>(outcome.iterations));
+    row.set("converged", outcome.converged);
+    return row;
+  };
   const auto at = [&](double value) {
     beta = value;
     problem.set_beta(value);
     outcome = minimize(problem, study.solver, start);
     if (study.norm.search && study.norm.search->warm_start) start = outcome.U;
-    Row row;
-    set_energies(problem, outcome, row);
-    study.measure(outcome.U, row);
-    row.set("iterations", static_cast<std::int64_t>(outcome.iterations));
-    row.set("converged", outcome.converged);
-    return row;
+    return measured_now();
   };
   Row measured;
   std::optional<Trials> trials;
@@ -241,10 +256,7 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
     for (const std::string& remark : trials->remarks) result.warnings.push_back("search for beta: " + remark);
     const double answer = trials->found ? trials->value : trials->high;
     if (beta != answer) at(answer);
-    Row row;
-    set_energies(problem, outcome, row);
-    study.measure(outcome.U, row);
-    measured = row;
+    measured = measured_now();
   } else {
     measured = at(beta);
   }
@@ -263,16 +275,6 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
     result.trials.push_back(std::move(*trials));
   }
   for (const auto& [key, value] : measured.entries()) row.set(key, value);
-  double soft_error = 0.0;
-  for (const auto& soft : study.constraints.soft())
-    soft_error = std::max(soft_error, (outcome.U.row(soft.vertex) - soft.value).norm());
-  double hard_error = 0.0;
-  for (const auto& fixed : study.constraints.fixed())
-    hard_error = std::max(hard_error, (outcome.U.row(fixed.vertex) - fixed.value).norm());
-  row.set("soft_error", soft_error);
-  row.set("hard_error", hard_error);
-  row.set("iterations", static_cast<std::int64_t>(outcome.iterations));
-  row.set("converged", outcome.converged);
   row.set("undefined_targets", static_cast<std::int64_t>(outcome.undefined_targets));
   row.set("nonlinear", problem.traits().state == StateDependence::none ? "" : study.solver.nonlinear->report().backend);
   const LinearReport& linear = study.solver.linear->report();

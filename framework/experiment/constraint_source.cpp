@@ -277,7 +277,8 @@ LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const L
         if (std::all_of(weights.begin(), weights.end(), [](double w) { return w == 0.0; })) {
           node.at("weights").fail("expected a weight that is not 0");
         }
-        loaded.constraints.combine(vertices, weights, image.point(node.at("value")));
+        const ConfigNode value = node.at("value");
+        loaded.constraints.combine(vertices, weights, space.velocities ? place.vector(value) : image.point(value));
       } else {
         const Matrix to = space.velocities ? velocities(node, place, vertices) : targets(node, image, vertices);
         for (std::size_t i = 0; i < vertices.size(); ++i) {

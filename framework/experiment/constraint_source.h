@@ -32,7 +32,7 @@ struct ConstraintSpace {
 ///   velocity = [vx, vy]                # in studies of velocities, or
 ///   velocity = { translate = [vx, vy], rotate = degrees, axis = [x, y, z], about = [x, y], scale = rate }
 ///   weight = 0.0                       # soft only; 0: the default weight
-///   weights = [w0, w1, ...]            # linear only, with value = [x, y]
+///   weights = [w0, w1, ...]            # linear only, with value = [x, y] (a velocity in studies of velocities)
 ///
 /// Without positions and move the vertices stay where they are. With relative = true a point (a, b) means the lower
 /// left corner of the bounding box plus (a width, b height), and lengths and translations are in units of its longest

@@ -301,13 +301,15 @@ struct Grid {
   }
 };
 
-/// The number of columns whose grid is closest to a square.
+constexpr double kPageAspect = 1.5;
+
+/// The number of columns whose grid is closest to the shape of a page on its side: two panels stand side by side.
 std::size_t best_columns(const std::vector<Point>& sizes) {
   std::size_t best = 1;
   double best_excess = std::numeric_limits<double>::infinity();
   for (std::size_t columns = 1; columns <= sizes.size(); ++columns) {
     const Grid grid(sizes, columns);
-    const double excess = std::abs(std::log(grid.width() / grid.height()));
+    const double excess = std::abs(std::log(grid.width() / grid.height() / kPageAspect));
     if (excess < best_excess) {
       best = columns;
       best_excess = excess;

@@ -46,7 +46,7 @@ struct MeshFigure {
   bool is_spatial() const { return mesh.positions.cols() == 3; }
 };
 
-/// Draws figures side by side in a grid (columns per row; 0: as square as possible) with one colour bar for all, titles
+/// Draws figures side by side in a grid (columns per row; 0: a page's shape) with one colour bar for all, titles
 /// above each, and writes PATH.svg and PATH.png (path without extension). All panels share one length scale, those in
 /// space the camera, and the colour scale of the first figure with values. Undefined values are grey; cells with
 /// undefined positions are left out. Figures in space and checkerboards are shaded by a z-buffer (see Raster) and stand

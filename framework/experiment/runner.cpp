@@ -767,11 +767,15 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
     const std::string key = checkpoint_key(config, plan, at, options);
     const std::string name = fmt::format("point-{:04}", point);
     const fs::path checkpoint = options.folder / "points" / (name + ".json");
-    const std::string mesh = "meshes/" + name + ".obj";
+    const std::string fields = "meshes/" + name + ".vtu";
     std::optional<PointResult> result;
     if (options.resume) result = load_point(checkpoint, key);
     // Only the mesh itself is not in the checkpoint.
-    if (result && result->metrics.find("mesh") != nullptr && !fs::exists(options.folder / mesh)) result.reset();
+    const Value* const written = result ? result->metrics.find("mesh") : nullptr;
+    if (written != nullptr &&
+        !(fs::exists(options.folder / to_text(*written)) && fs::exists(options.folder / fields))) {
+      result.reset();
+    }
     if (!result) {
       fs::remove(checkpoint, failed);  // it does not belong to the mesh that is written next
       try {
@@ -781,12 +785,14 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
         throw_error(error.exit_code(), fmt::format("{} (at {})", error.what(), assignments(row)));
       }
       if (result->mesh.cell_count() > 0) {
+        const bool tetrahedra = result->mesh.cells.cols() == 4;
+        const std::string mesh = "meshes/" + name + (tetrahedra ? ".mesh" : ".obj");
         if (result->uv.size() > 0) {
           write_obj_uv(options.folder / mesh, result->mesh, result->uv, result->uv_cells);
-        } else {
+        } else if (mesh != fields) {
           write_mesh(options.folder / mesh, result->mesh);
         }
-        write_mesh(options.folder / "meshes" / (name + ".vtu"), result->mesh, result->fields);
+        write_mesh(options.folder / fields, result->mesh, result->fields);
         result->metrics.set("mesh", mesh);
       }
       save_point(checkpoint, key, *result);

@@ -157,7 +157,7 @@ constexpr std::string_view kScript = R"js(
     const corners = Array.from(triangles, (_, i) => Math.floor(i / 3));
     const colours = spread(decoded(panel.colours, Uint8Array), 3, corners);
     geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3, true));
-    const look = {side: THREE.DoubleSide, specular: 0x1c1c1c, shininess: 24, polygonOffset: true,
+    const look = {side: THREE.DoubleSide, specular: 0x141414, shininess: 24, polygonOffset: true,
                   polygonOffsetFactor: 1, polygonOffsetUnits: 1};
     const plain = new THREE.MeshPhongMaterial({...look, vertexColors: THREE.VertexColors});
     let textured = plain;
@@ -194,10 +194,10 @@ constexpr std::string_view kScript = R"js(
   camera.position.copy(eye.multiplyScalar(5 * radius));
   camera.zoom = start.zoom;
   camera.lookAt(0, 0, 0);
-  const lamp = new THREE.DirectionalLight(0xffffff, 0.62);
+  const lamp = new THREE.DirectionalLight(0xffffff, 0.58);
   lamp.position.set(-0.35, 0.45, 1);
   camera.add(lamp);
-  scene.add(camera, new THREE.AmbientLight(0xffffff, 0.46));
+  scene.add(camera, new THREE.AmbientLight(0xffffff, 0.42));
   const controls = new THREE.OrbitControls(camera, canvas);
   controls.enableKeys = false;
   controls.screenSpacePanning = true;
@@ -388,6 +388,11 @@ std::string viewer_html(const std::vector<MeshFigure>& figures, const Camera& ca
   return content + std::string(kMarkup) +
          fmt::format("<script type=\"application/json\" id=\"viewer-data\">{}</script>\n{}<script>{}</script>\n", text,
                      *scripts, kScript);
+}
+
+fs::path viewer_library() {
+  fs::path looked_at;
+  return library(looked_at) ? looked_at : fs::path();
 }
 
 }  // namespace variform

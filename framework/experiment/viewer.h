@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -20,5 +21,8 @@ inline constexpr std::size_t kViewerTriangles = 400000;
 /// figures in space.
 std::string viewer_html(const std::vector<MeshFigure>& figures, const Camera& camera,
                         std::size_t most_triangles = kViewerTriangles);
+
+/// Where three.js was found; empty where it or its controls are missing.
+std::filesystem::path viewer_library();
 
 }  // namespace variform

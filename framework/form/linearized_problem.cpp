@@ -123,14 +123,15 @@ Direction LinearizedProblem::direction(const Matrix& U, double damping, LinearBa
   const int d = terms_.front().form.unknowns();
   if (!reduction_) reduction_ = std::make_unique<Reduction>(assembly_->matrix(), constraints, d);
   reduction_->refill(assembly_->matrix(), constraints);
+  const Index free = reduction_->free_count();
   SparseMatrix K = reduction_->matrix();
-  const Vector diagonal = K.diagonal();
-  const double shift = damping * diagonal.head(reduction_->free_count()).mean();
-  for (Index i = 0; i < reduction_->free_count(); ++i) K.coeffRef(i, i) += shift;
-  backend.factorize(K, reduction_->indefinite() ? MatrixKind::symmetric_indefinite : MatrixKind::spd);
+  const double shift = free > 0 ? damping * Vector(K.diagonal()).head(free).mean() : 0.0;
+  for (Index i = 0; i < free; ++i) K.coeffRef(i, i) += shift;
+  // A general LU solves definite systems too.
+  const bool definite = !reduction_->indefinite() && backend.capabilities().spd;
+  backend.factorize(K, definite ? MatrixKind::spd : MatrixKind::symmetric_indefinite);
   const Eigen::MatrixXd b = reduction_->right_hand_side(assembly_->matrix(), assembly_->right_hand_side(), constraints);
   const Eigen::MatrixXd y = backend.solve(b);
-  const Index free = reduction_->free_count();
   Direction direction;
   direction.slope = -2.0 * b.col(0).head(free).dot(y.col(0).head(free));
   direction.gradient = free > 0 ? 2.0 * b.col(0).head(free).cwiseAbs().maxCoeff() : 0.0;

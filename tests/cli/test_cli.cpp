@@ -290,6 +290,300 @@ move = [0.5, -0.25]
   }
 }
 
+/// A file with positions in space, texture coordinates and faces (corners as "v" or "v/vt").
+struct SurfaceFile {
+  std::vector<Eigen::Vector3d> vertices;
+  std::vector<Eigen::Vector2d> texture;
+  std::vector<std::array<int, 3>> triangles;  ///< of vertices, from 0
+  std::vector<std::array<int, 3>> charts;     ///< of texture coordinates, from 0; -1 without
+};
+
+SurfaceFile read_surface(const std::string& text) {
+  SurfaceFile file;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream words(line);
+    std::string kind;
+    words >> kind;
+    if (kind == "v") {
+      Eigen::Vector3d x;
+      words >> x[0] >> x[1] >> x[2];
+      file.vertices.push_back(x);
+    } else if (kind == "vt") {
+      Eigen::Vector2d x;
+      words >> x[0] >> x[1];
+      file.texture.push_back(x);
+    } else if (kind == "f") {
+      std::array<int, 3> t{};
+      std::array<int, 3> c{};
+      for (int i = 0; i < 3; ++i) {
+        std::string corner;
+        words >> corner;
+        const std::size_t slash = corner.find('/');
+        t[i] = std::stoi(corner.substr(0, slash)) - 1;
+        c[i] = slash == std::string::npos ? -1 : std::stoi(corner.substr(slash + 1)) - 1;
+      }
+      file.triangles.push_back(t);
+      file.charts.push_back(c);
+    }
+  }
+  return file;
+}
+
+/// Area of a triangle in space and its edges from the first corner in an orthonormal frame of its plane, by columns.
+std::pair<double, Eigen::Matrix2d> flattened(const SurfaceFile& file, const std::array<int, 3>& t) {
+  const Eigen::Vector3d a = file.vertices[t[1]] - file.vertices[t[0]];
+  const Eigen::Vector3d b = file.vertices[t[2]] - file.vertices[t[0]];
+  Eigen::Matrix2d E;
+  E << a.norm(), a.dot(b) / a.norm(), 0.0, a.cross(b).norm() / a.norm();
+  return {0.5 * a.cross(b).norm(), E};
+}
+
+/// A tent of six triangles over a hexagon-like outline, rest of the surface tests.
+const std::string kTent = R"(v 0 0 0.5
+v 1 0 0
+v 0.5 0.9 0.1
+v -0.5 0.8 0
+v -1 0 0.1
+v -0.6 -0.9 0
+v 0.5 -0.8 0.05
+v 0.3 0.2 0.4
+f 8 2 3
+f 8 3 1
+f 8 1 2
+f 1 3 4
+f 1 4 5
+f 1 5 6
+f 1 6 7
+f 1 7 2
+)";
+
+/// On a surface ARAP costs, per triangle, the squared distances of the two singular values from 1.
+TEST_F(Cli, ASurfaceDeformsAtTheEnergyThatItsMeshesHave) {
+  write("mesh.obj", kTent);
+  write("study.toml", R"(pipeline = "deform"
+[domain]
+mesh = "mesh.obj"
+[energy]
+type = "arap"
+[solver]
+tolerance = 1e-13
+max_iterations = 20000
+[[constraint]]
+kind = "hard"
+vertices = [1, 2, 3, 4, 5, 6]
+[[constraint]]
+kind = "hard"
+vertices = [0]
+move = [0.2, 0.1, 0.4]
+[sweep]
+"norm.beta" = [0.0, 0.3]
+)");
+  const Result result = run_study();
+  ASSERT_EQ(result.code, 0) << result.err;
+  const SurfaceFile rest = read_surface(kTent);
+  for (const auto& row : record()["rows"]) {
+    EXPECT_EQ(row["converged"], true);
+    const SurfaceFile deformed = read_surface(content_of(at("out") / row["mesh"].get<std::string>()));
+    ASSERT_EQ(deformed.triangles, rest.triangles);
+    EXPECT_LT((deformed.vertices[0] - Eigen::Vector3d(0.2, 0.1, 0.9)).norm(), 1e-15);
+    double energy = 0.0;
+    double total = 0.0;
+    for (const auto& t : rest.triangles) {
+      const auto [area, E] = flattened(rest, t);
+      Eigen::Matrix<double, 3, 2> D;
+      for (int i = 0; i < 2; ++i) D.col(i) = deformed.vertices[t[i + 1]] - deformed.vertices[t[0]];
+      const Eigen::Vector2d sigma = Eigen::JacobiSVD<Eigen::MatrixXd>(D * E.inverse()).singularValues();
+      energy += area * (sigma.array() - 1.0).square().sum();
+      total += area;
+    }
+    EXPECT_GT(energy, 0.01);
+    EXPECT_NEAR(row["energy"], energy, 1e-9 * energy);
+    EXPECT_NEAR(row["E_isom"], energy / total, 1e-9 * energy);
+  }
+  EXPECT_GT(record()["rows"][1]["energy"], record()["rows"][0]["energy"]);
+  EXPECT_LT(record()["rows"][1]["energy_R"], record()["rows"][0]["energy_R"]);
+}
+
+/// Texture coordinates in the OBJ file are the map: pins are where they were put, the energy is that of signed singular
+/// values, |s1 - s2|^2 for LSCM and (s1 - 1)^2 + (s2 - 1)^2 for ARAP.
+TEST_F(Cli, AParametrizationIsTheTextureOfItsObjFile) {
+  write("mesh.obj", kTent);
+  write("study.toml", R"(pipeline = "parametrize"
+[domain]
+mesh = "mesh.obj"
+[energy]
+type = "lscm"
+[solver]
+tolerance = 1e-13
+max_iterations = 20000
+[[constraint]]
+kind = "hard"
+vertices = [1, 4, 0]
+positions = [[1.2, 0], [-1, 0.1], [0.4, 0.3]]
+[sweep]
+"energy.type" = ["lscm", "arap_parametrization"]
+"norm.beta" = [0.0, 0.3]
+)");
+  const Result result = run_study();
+  ASSERT_EQ(result.code, 0) << result.err;
+  const SurfaceFile rest = read_surface(kTent);
+  const std::map<int, Eigen::Vector2d> pins = {{1, {1.2, 0.0}}, {4, {-1.0, 0.1}}, {0, {0.4, 0.3}}};
+  for (const auto& row : record()["rows"]) {
+    SCOPED_TRACE(row["energy.type"]);
+    const bool conformal = row["energy.type"] == "lscm";
+    const SurfaceFile mapped = read_surface(content_of(at("out") / row["mesh"].get<std::string>()));
+    EXPECT_EQ(mapped.vertices, rest.vertices) << "the surface is as it was";
+    ASSERT_EQ(mapped.triangles, rest.triangles);
+    ASSERT_EQ(mapped.texture.size(), rest.vertices.size());
+    double energy = 0.0;
+    double total = 0.0;
+    int flipped = 0;
+    for (std::size_t k = 0; k < rest.triangles.size(); ++k) {
+      const auto [area, E] = flattened(rest, rest.triangles[k]);
+      const std::array<int, 3>& c = mapped.charts[k];
+      Eigen::Matrix2d D;
+      for (int i = 0; i < 2; ++i) D.col(i) = mapped.texture[c[i + 1]] - mapped.texture[c[0]];
+      for (int i = 0; i < 3; ++i) {
+        const auto pin = pins.find(rest.triangles[k][i]);
+        if (pin == pins.end()) continue;
+        EXPECT_LT((mapped.texture[c[i]] - pin->second).norm(), 1e-12);
+      }
+      const Eigen::Matrix2d J = D * E.inverse();
+      Eigen::Vector2d sigma = Eigen::JacobiSVD<Eigen::MatrixXd>(J).singularValues();
+      if (J.determinant() < 0.0) sigma[1] = -sigma[1];
+      energy += area * (conformal ? std::pow(sigma[0] - sigma[1], 2) : (sigma.array() - 1.0).square().sum());
+      total += area;
+      flipped += J.determinant() <= 0.0;
+    }
+    EXPECT_GT(energy, 0.01);
+    EXPECT_NEAR(row["energy"], energy, 1e-8 * energy);
+    EXPECT_NEAR(row[conformal ? "E_conf" : "E_isom"], (conformal ? 0.5 : 1.0) * energy / total, 1e-8 * energy);
+    EXPECT_EQ(row["flipped"], flipped);
+    EXPECT_EQ(row["hard_error"], 0.0);
+  }
+}
+
+/// A closed surface cut open: the file has the surface before the cut, and more texture coordinates than vertices.
+TEST_F(Cli, ACutSurfaceIsWrittenWithItsSeamInTheTexture) {
+  write("study.toml", R"(pipeline = "parametrize"
+[domain]
+generator = "sphere"
+h = 0.5
+[domain.cut]
+path = [0, 20, 30]
+[energy]
+type = "arap_parametrization"
+[solver]
+nonlinear = "gauss_newton"
+[norm]
+beta = 0.1
+[parametrization]
+initial = "tutte"
+)");
+  const Result result = run_study();
+  ASSERT_EQ(result.code, 0) << result.err;
+  const nlohmann::json row = record()["rows"][0];
+  const SurfaceFile file = read_surface(content_of(at("out") / row["mesh"].get<std::string>()));
+  EXPECT_GT(file.texture.size(), file.vertices.size());
+  EXPECT_EQ(file.texture.size(), row["vertices"]);
+  for (const auto& x : file.vertices) EXPECT_NEAR(x.norm(), 1.0, 1e-12);
+  // Closed: as many edges as V + F - 2 when corners are told apart by vertex.
+  EXPECT_EQ(2 * (file.vertices.size() - 2), file.triangles.size());
+}
+
+/// The Killing energy is |J + J'|^2, with the velocity taken from nothing but the file of the moved mesh; rigid
+/// velocities at the handles are carried on without energy.
+TEST_F(Cli, AVelocityFieldHasTheEnergyOfTheMotionThatItMakes) {
+  write("mesh.obj", kMesh);
+  write("study.toml", R"(pipeline = "vector_field"
+[domain]
+mesh = "mesh.obj"
+[energy]
+type = "akvf"
+[flow]
+step = 0.25
+[[constraint]]
+kind = "hard"
+vertices = [1, 6, 4]
+[[constraint]]
+kind = "hard"
+vertices = [3, 8]
+velocity = [0.5, 1.0]
+[sweep]
+"norm.beta" = [0.0, 0.3]
+)");
+  const Result result = run_study();
+  ASSERT_EQ(result.code, 0) << result.err;
+  const ObjMesh rest = read_obj(kMesh);
+  for (const auto& row : record()["rows"]) {
+    const ObjMesh moved = read_obj(content_of(at("out") / row["mesh"].get<std::string>()));
+    double energy = 0.0;
+    double speed = 0.0;
+    for (const auto& t : rest.triangles) {
+      Eigen::Matrix2d X;
+      Eigen::Matrix2d V;
+      for (int i = 0; i < 2; ++i) {
+        X.col(i) = rest.vertices[t[i + 1] - 1] - rest.vertices[t[0] - 1];
+        V.col(i) = (moved.vertices[t[i + 1] - 1] - moved.vertices[t[0] - 1] - X.col(i)) / 0.25;
+      }
+      const Eigen::Matrix2d J = V * X.inverse();
+      energy += 0.5 * X.determinant() * (J + J.transpose()).squaredNorm();
+    }
+    for (std::size_t v = 0; v < rest.vertices.size(); ++v) {
+      speed = std::max(speed, (moved.vertices[v] - rest.vertices[v]).norm() / 0.25);
+    }
+    EXPECT_NEAR(row["energy"], energy, 1e-10 * energy);
+    EXPECT_NEAR(row["speed_max"], speed, 1e-12);
+    EXPECT_LT((moved.vertices[3] - rest.vertices[3] - 0.25 * Eigen::Vector2d(0.5, 1.0)).norm(), 1e-14);
+    EXPECT_EQ(row["hard_error"], 0.0);
+  }
+  const Result rigid = run_study({"--set",
+                                  "constraint=[{ kind = \"hard\", vertices = [1, 3, 4], velocity = "
+                                  "{ translate = [0.5, 0.0], rotate = 90, about = [1.0, 1.0] } }]"});
+  ASSERT_EQ(rigid.code, 0) << rigid.err;
+  for (const auto& row : record()["rows"]) {
+    EXPECT_LT(row["energy"], 1e-25);
+    // At (2, 2) and (0, 2), say: pi/2 times the distance sqrt(2), and the translation, at its fastest corner.
+    const double omega = std::acos(-1.0) / 2.0;
+    EXPECT_NEAR(row["speed_max"], std::hypot(omega + 0.5, omega), 1e-12);
+  }
+}
+
+/// Results of tetrahedra go to files that hold tetrahedra, and a search may ask for what the constraints missed.
+TEST_F(Cli, TetrahedraAreWrittenAsTetrahedra) {
+  write("study.toml", R"(pipeline = "deform"
+[domain]
+generator = "cube_tet"
+h = 0.5
+[energy]
+type = "arap"
+[norm]
+beta = "auto"
+[norm.auto]
+until = "soft_error < 0.03"
+[[constraint]]
+kind = "hard"
+select = { box = [0, 0, 0, 1, 1, 0] }
+[[constraint]]
+kind = "soft"
+weight = 1.0
+select = { near = [1, 1, 1] }
+move = [0.1, 0.1, 0.1]
+)");
+  const Result result = run_study();
+  ASSERT_EQ(result.code, 0) << result.err;
+  const nlohmann::json row = record()["rows"][0];
+  EXPECT_EQ(row["mesh"], "meshes/point-0000.mesh");
+  const std::string file = content_of(at("out") / row["mesh"].get<std::string>());
+  EXPECT_THAT(file, HasSubstr(fmt::format("Tetrahedra\n{}\n", row["cells"].get<int>())));
+  EXPECT_LT(row["soft_error"], 0.03);
+  EXPECT_GT(row["beta_low"], 0.0);
+  EXPECT_GT(row["soft_error"], 0.028) << "the smallest beta that does it";
+  EXPECT_EQ(row["beta_found"], true);
+  EXPECT_EQ(run_study({"--resume"}).code, 0);
+}
+
 TEST_F(Cli, RunPrintsTheTableUnlessQuiet) {
   write("study.toml", kStudy);
   const Result result = run_study();
@@ -678,6 +972,34 @@ BadInput with(const char* name, int code, const char* pattern, const std::string
   return {name, code, pattern, {"--set", assignment}};
 }
 
+BadInput with_study(const char* name, int code, const char* pattern, const std::string& study,
+                    const std::string& assignment) {
+  return {name, code, pattern, {"--set", assignment}, study};
+}
+
+const std::string kField = R"(pipeline = "vector_field"
+[domain]
+generator = "square"
+h = 0.25
+[energy]
+type = "akvf"
+[[constraint]]
+kind = "hard"
+vertices = [0, 5]
+[[constraint]]
+kind = "hard"
+vertices = [24]
+velocity = [0.1, 0.0]
+)";
+
+const std::string kMap = R"(pipeline = "parametrize"
+[domain]
+generator = "bump"
+h = 0.25
+[energy]
+type = "lscm"
+)";
+
 const char* const kTetrahedra =
     "MeshVersionFormatted 2\nDimension 3\nVertices\n4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\nTetrahedra\n1\n1 2 3 4 0\n"
     "End\n";
@@ -702,7 +1024,7 @@ const std::vector<BadInput> kBadInputs = {
     with("UnknownKeyOfSolver", 2, "key 'solver.max_iteration': unknown key", "solver.max_iteration=3"),
     with("UnknownLinearOption", 2, "key 'solver.linear_options.tol': unknown key", "solver.linear_options.tol=3"),
     with("UnknownKeyOfOutput", 2, "key 'output.column': unknown key", "output.column=[\"energy\"]"),
-    with("WrongType", 2, "key 'norm.beta': .*expected number, got string", "norm.beta=abc"),
+    with("WrongType", 2, R"(key 'norm.beta': expected a number in \[0, 1\) or "auto")", "norm.beta=abc"),
     with("TableExpected", 2, "key 'domain': expected a table, got 3", "domain=3"),
     with("ArrayExpected", 2, "key 'constraint': expected an array", "constraint={ kind = \"hard\" }"),
     with("BetaOne", 2, R"(key 'norm.beta': 'beta' = 1: expected a value in \[0, 1\))", "norm.beta=1"),
@@ -715,7 +1037,8 @@ const std::vector<BadInput> kBadInputs = {
     with("UnknownNonlinear", 2, "key 'solver.nonlinear': .*expected one of local_global", "solver.nonlinear=lbfgs"),
     with("UnknownGenerator", 2, "key 'domain.generator': unknown generator 'circle'; known: square",
          "domain.generator=circle"),
-    with("UnknownPipeline", 2, "key 'pipeline': unknown pipeline 'deform.plane'; known: deform, parametrize, vector_field",
+    with("UnknownPipeline", 2,
+         "key 'pipeline': unknown pipeline 'deform.plane'; known: deform, parametrize, vector_field",
          "pipeline=deform.plane"),
     with("UnknownFacetWeight", 2, "key 'norm.facet_weight': .*expected one of facet_measure", "norm.facet_weight=area"),
     {"NoPipeline", 2, "study.toml:1: 'pipeline' is missing", {}, "title = \"x\"\n"},
@@ -761,6 +1084,76 @@ const std::vector<BadInput> kBadInputs = {
      {"--set", "solver.linear=eigen.llt", "--set",
       "constraint=[{ kind = \"hard\", vertices = [0, 1] }, "
       "{ kind = \"linear\", vertices = [7, 8], weights = [1, -1], value = [0.2, 0] }]"}},
+    // Pipelines for surfaces, velocities and the choice of beta.
+    with("BetaMaybe", 2, R"(key 'norm.beta': expected a number in \[0, 1\) or "auto")", "norm.beta=maybe"),
+    with("UnknownKeyOfAuto", 2, "key 'norm.auto.untill': unknown key; accepted here: method, until",
+         "norm={ beta = \"auto\", auto = { untill = \"flipped == 0\" } }"),
+    with("UnknownKeyOfUnusedAuto", 2, "key 'norm.auto.untill': unknown key",
+         "norm={ beta = 0.2, auto = { untill = \"flipped == 0\" } }"),
+    with("AutoWithoutComparison", 2, "key 'norm.auto.until': condition 'flipped': 'flipped' is no comparison",
+         "norm={ beta = \"auto\", auto = { until = \"flipped\" } }"),
+    with("AutoOnNoMetric", 2, "condition 'flips == 0': rows have no key 'flips'",
+         "norm={ beta = \"auto\", auto = { until = \"flips == 0\" } }"),
+    with("UnknownMethodOfAuto", 2, "key 'norm.auto.method': .*\"golden\": expected one of smallest, l_curve",
+         "norm={ beta = \"auto\", auto = { method = \"golden\" } }"),
+    with("LCurveUpsideDown", 2, "key 'norm.auto': expected low < high",
+         "norm={ beta = \"auto\", auto = { method = \"l_curve\", low = 0.5, high = 0.1 } }"),
+    with("AutoStartsTooHigh", 2, "key 'norm.auto': expected start <= high",
+         "norm={ beta = \"auto\", auto = { start = 0.9, high = 0.5 } }"),
+    {"AsapOnTetrahedra",
+     2,
+     "key 'energy.type': energy 'asap' needs a planar or surface domain, this one is tetrahedral: .*'conf'",
+     {"--set", "domain={ generator = \"cube_tet\", h = 0.5 }", "--set",
+      "constraint=[{ kind = \"hard\", vertices = [0, 1, 2, 3] }]"}},
+    with("AsapOfASurface", 2, "key 'energy.type': this energy maps a surface mesh to dimension 2: .*parametrize",
+         "domain={ generator = \"bump\", h = 0.25 }"),
+    with("VelocitiesInDeform", 2, "energy 'akvf' is one of velocity fields: see pipeline vector_field",
+         "energy.type=akvf"),
+    with("StartOfAnotherPipeline", 2, "key 'solver.start': .*\"tutte\": expected one of rest, larap, poisson",
+         "solver.start=tutte"),
+    with_study("DeformationAsVelocities", 2, "key 'energy.type': energy 'arap' is not one of velocity fields", kField,
+               "energy.type=arap"),
+    with_study("VelocitiesOfASurface", 2, "need a planar or tetrahedral domain, this one is surface", kField,
+               "domain={ generator = \"bump\", h = 0.25 }"),
+    with_study("MoveAmongVelocities", 2, "key 'constraint.1..move': unknown key; .*velocity", kField,
+               "constraint[1].move=[0.1, 0]"),
+    with_study("VelocityOfOneCoordinate", 2, "key 'constraint.1..velocity': expected 2 coordinates, got 1", kField,
+               "constraint[1].velocity=[0.1]"),
+    with_study("AxisInThePlane", 2, "key 'constraint.1..velocity.axis': an axis is for rotations in space", kField,
+               "constraint[1].velocity={ rotate = 10, axis = [0, 0, 1] }"),
+    with_study("NegativeStep", 2, "key 'flow.step': 'step' = -1", kField, "flow.step=-1"),
+    with_study("UnknownKeyOfFlow", 2, "key 'flow.steps': unknown key; accepted here: step", kField, "flow.steps=2"),
+    with_study("PhiOutOfRange", 2, R"(phi = 3: expected a value in \(0, 2.67)", kField,
+               "energy={ type = \"phi\", phi = 3 }"),
+    with_study("OnePin", 3, "needs two pins at different places", kMap,
+               "constraint=[{ kind = \"hard\", vertices = [3] }]"),
+    with_study("TwoPinsAtOnePlace", 3, "needs two pins at different places", kMap,
+               "constraint=[{ kind = \"hard\", vertices = [3, 4], positions = [[1, 1], [1, 1]] }]"),
+    with_study("PinInSpace", 2, "positions.0.': expected 2 coordinates, got 3", kMap,
+               "constraint=[{ kind = \"hard\", vertices = [3], positions = [[1, 1, 1]] }]"),
+    {"TutteOfAClosedSurface",
+     3,
+     "tutte map: the domain must be a disk, .*0 boundary loop.*cut it open",
+     {"--set", "domain={ generator = \"sphere\", h = 0.5 }", "--set", "parametrization.initial=tutte"},
+     kMap},
+    with_study("PinsOfAClosedSurface", 3, "the domain must be a disk, .*cut it open", kMap,
+               "domain={ generator = \"sphere\", h = 0.5 }"),
+    with_study("MapOfTetrahedra", 2, "key 'energy.type': .*needs a surface or planar domain, this one is tetrahedral",
+               kMap, "domain={ generator = \"cube_tet\", h = 0.5 }"),
+    with_study("DeformationAsMap", 2, "maps a surface mesh to dimension 3: no parametrization", kMap,
+               "energy.type=arap"),
+    with_study("UnknownInitialMap", 2, "key 'parametrization.initial': .*expected one of lscm, tutte, projection", kMap,
+               "parametrization.initial=harmonic"),
+    with_study("CutPathOfOneVertex", 2, "key 'domain.cut.path': expected at least 2 vertices", kMap,
+               "domain={ generator = \"sphere\", h = 0.5, cut = { path = [0] } }"),
+    with_study("CutPathLeavesTheMesh", 3, "key 'domain.cut.path': vertex 999 does not exist", kMap,
+               "domain={ generator = \"sphere\", h = 0.5, cut = { path = [0, 999] } }"),
+    with_study("CutAlongNoEdge", 3, R"(key 'domain.cut': edge \(0, 9\) is not in the mesh)", kMap,
+               "domain={ generator = \"sphere\", h = 0.5, cut = { edges = [[0, 9]] } }"),
+    with_study("CutTwoWays", 2, "key 'domain.cut': expected one of", kMap,
+               "domain={ generator = \"sphere\", h = 0.5, cut = { to_disk = true, path = [0, 1] } }"),
+    with_study("CutOfTetrahedra", 2, "key 'domain.cut': only triangle meshes can be cut", kMap,
+               "domain={ generator = \"cube_tet\", h = 0.5, cut = { to_disk = true } }"),
     // Command lines.
     with("SetWithoutEquals", 2, "--set norm.beta: expected key=value", "norm.beta"),
     with("SetOfNoPath", 2, "key 'norm..beta': expected names separated by dots", "norm..beta=1"),
@@ -801,9 +1194,10 @@ const std::vector<BadInput> kBadInputs = {
     on_mesh("MeshDuplicate", 3, "mesh.obj: cell 1 .*the same vertices as cell 0", "mesh.obj", kTriangle + "f 2 3 1\n"),
     on_mesh("MeshNonManifold", 3, "mesh.obj: .*(edge|facet).*(three|3|more than two)", "mesh.obj",
             "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 2 2 0\nf 1 2 3\nf 3 2 4\nf 3 2 5\n"),
-    on_mesh("MeshOfTetrahedra", 3, "mesh.mesh: .*needs a planar triangle mesh, this one is tetrahedral", "mesh.mesh",
-            kTetrahedra),
-    on_mesh("MeshIsCurved", 3, "mesh.obj: .*needs a planar triangle mesh, this one is surface", "mesh.obj",
+    on_mesh("MeshOfTetrahedra", 2, "key 'energy.type': .*needs a planar or surface domain, this one is tetrahedral",
+            "mesh.mesh", kTetrahedra),
+    on_mesh("MeshIsCurved", 2,
+            "key 'energy.type': this energy maps a surface mesh to dimension 2: .*see pipeline parametrize", "mesh.obj",
             kTriangle + "v 1 1 1\nf 3 2 4\n"),
     on_mesh("MeshOfQuads", 3, "mesh.obj:5: .*triangul", "mesh.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"),
     on_mesh("MeshEmpty", 3, "mesh.obj", "mesh.obj", ""),

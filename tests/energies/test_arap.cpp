@@ -160,6 +160,36 @@ TEST(GaussNewton, FirstStepFromRestIsLarap) {
   EXPECT_LT((domain.positions() + step - linear.solve(*b)).cwiseAbs().maxCoeff(), 1e-11);
 }
 
+TEST(GaussNewton, ReturnsTheConstraintsWhereAllVerticesAreFixed) {
+  const Domain domain(rectangle_mesh({.h = 0.5}));
+  Matrix U = domain.positions();
+  U(4, 0) += 0.1;
+  Constraints constraints(domain.vertex_count(), 2);
+  for (Index v = 0; v < domain.vertex_count(); ++v) constraints.fix(v, U.row(v));
+  const auto energy = make("arap");
+  Problem problem(domain, *energy, {.beta = 0.2}, constraints);
+  const auto linear = make_linear_backend("auto");
+  ProblemObjective objective(problem, *linear);
+  const auto backend = make_nonlinear_backend("gauss_newton");
+  EXPECT_EQ(backend->minimize(objective, U, {}), U);
+  EXPECT_TRUE(backend->report().converged);
+}
+
+TEST(GaussNewton, WorksWithBackendsForGeneralMatrices) {
+  const Domain domain(rectangle_mesh({.h = 0.25, .jitter = 0.2}));
+  const Constraints constraints = dragged_centre(domain, Eigen::RowVector2d(0.1, 0.05));
+  const auto energy = make("arap");
+  const auto minimized = [&](const std::string& name) {
+    Problem problem(domain, *energy, {.beta = 0.2}, constraints);
+    const auto linear = make_linear_backend(name);
+    ProblemObjective objective(problem, *linear);
+    Matrix start = domain.positions();
+    for (const auto& fixed : constraints.fixed()) start.row(fixed.vertex) = fixed.value;
+    return make_nonlinear_backend("gauss_newton")->minimize(objective, start, {});
+  };
+  EXPECT_LE((minimized("eigen.lu") - minimized("eigen.ldlt")).cwiseAbs().maxCoeff(), 1e-9);
+}
+
 TEST(GaussNewton, NeedsAFeasibleStartAndProjectedTargets) {
   const Domain domain(rectangle_mesh({.h = 0.25}));
   const auto linear = make_linear_backend("eigen.ldlt");
@@ -216,19 +246,20 @@ TEST(Coupled, IsTheAlternationWithoutRegularization) {
   }
 }
 
-// Errata C6: with the whole rotation as target the bump drifts off by half its size.
+// Errata C6: with the whole rotation as target the bump drifts off by half its size. What is left here is rounding
+// times the condition number, large where beta is.
 TEST(ArapOnSurfaces, RestPoseStaysWhereItIsForEveryBetaAndFacetWeight) {
   const auto arap = make("arap");
   for (const Domain& domain : {bump(1.0 / 16), Domain(testing::half_cylinder_mesh(1.0 / 16))}) {
     Constraints clamped(domain.vertex_count(), 3);
     for (Index v = 0; v < domain.vertex_count(); ++v) {
-      if (domain.positions()(v, 1) == 0.0) clamped.fix(v, domain.positions().row(v));
+      if (domain.positions()(v, 0) == 0.0) clamped.fix(v, domain.positions().row(v));
     }
     for (const double beta : {0.0, 0.2, 0.9}) {
       for (const FacetWeight weight : kWeights) {
         for (const std::string backend : {"local_global", "gauss_newton", "coupled"}) {
           const Outcome run = minimize(backend, domain, *arap, {beta, weight}, clamped, {.max_iterations = 20});
-          EXPECT_LT((run.U - domain.positions()).cwiseAbs().maxCoeff(), 1e-11 * domain.diameter())
+          EXPECT_LT((run.U - domain.positions()).cwiseAbs().maxCoeff(), 1e-9 * domain.diameter())
               << backend << " " << beta << " " << to_string(weight);
         }
       }

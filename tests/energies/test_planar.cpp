@@ -387,7 +387,7 @@ TEST(Tikhonov, ShrinksByOneMinusBeta) {
 
 TEST(PlanarEnergies, RefuseOtherDomains) {
   const Domain solid(bar_tet_mesh(1.0, 1.0, 1.0, 0.5));
-  for (const std::string name : {"asap", "arap"}) EXPECT_THROW(make(name)->traits(solid), UsageError) << name;
+  EXPECT_THROW(make("asap")->traits(solid), UsageError);
 }
 
 }  // namespace

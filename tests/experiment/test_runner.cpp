@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "framework/base/error.h"
+#include "framework/domain/mesh_io.h"
 #include "framework/experiment/runner.h"
 #include "tests/experiment/temporary_folder.h"
 
@@ -70,6 +71,11 @@ class FakePipeline {
       result.mesh.positions << 0, 0, x, 0, 0, 1;
       result.mesh.cells = IndexMatrix::Zero(1, 3);
       result.mesh.cells << 0, 1, 2;
+      if (model.string_or("name", "none") == "tetrahedron") {
+        result.mesh.positions = Matrix::Zero(4, 3);
+        result.mesh.positions.bottomRows(3).setIdentity();
+        result.mesh.cells = (IndexMatrix(1, 4) << 0, 1, 2, 3).finished();
+      }
       result.figures = {{.name = "deformed", .mesh = result.mesh, .cell_values = Vector::Constant(1, x)}};
       if (model.string_or("name", "none") == "surface") {
         MeshFigure figure{.name = "texture", .caption = "Texture.", .mesh = result.mesh};
@@ -353,6 +359,22 @@ TEST(Runner, ResumeRunsPointsOfAChangedConfigAndLostMeshesAgain) {
   FakePipeline fourth;
   run_in(folder, changed + "[output]\ncolumns = [\"E\"]\n", fourth, true);
   EXPECT_EQ(fourth.runs(), 0);
+}
+
+TEST(Runner, TetrahedraAreWrittenAsVtuAloneAndResumed) {
+  const TemporaryFolder folder;
+  const std::string config = "[model]\nname = \"tetrahedron\"\n";
+  const Record record = run_in(folder, config);
+  EXPECT_EQ(std::get<std::string>(*record.rows[0].find("mesh")), "meshes/point-0000.mesh");
+  EXPECT_EQ(read_mesh(folder / "meshes/point-0000.mesh").mesh.cells.cols(), 4);
+  EXPECT_FALSE(fs::exists(folder / "meshes/point-0000.obj"));
+  FakePipeline second;
+  run_in(folder, config, second, true);
+  EXPECT_EQ(second.runs(), 0);
+  fs::remove(folder / "meshes/point-0000.vtu");
+  FakePipeline third;
+  run_in(folder, config, third, true);
+  EXPECT_EQ(third.runs(), 1);
 }
 
 TEST(Runner, ResumeTakesAChangedBisectionForAnotherRun) {
