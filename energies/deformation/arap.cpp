@@ -26,11 +26,11 @@ class Arap final : public ProjectedEnergy {
       case DomainKind::tetrahedral: return rotated<3>(Y, c, derivative);
       case DomainKind::surface: break;
     }
-    const Matrix23 B = edge_frame(domain, t);  // the target does not depend on the frame
+    const SurfaceFrame B = surface_frame(domain, t);  // the target does not depend on the frame
     Matrix23 R = B;
     Matrix66 D;
-    const bool defined = closest_orthonormal_rows(B * Y, R, derivative != nullptr ? &D : nullptr);
-    if (defined) c = B.transpose() * R;
+    const bool defined = closest_orthonormal_rows(B * Y.topLeftCorner<3, 3>(), R, derivative != nullptr ? &D : nullptr);
+    if (defined) c.topLeftCorner<3, 3>().noalias() = B.transpose() * R;
     if (derivative != nullptr) {
       derivative->setZero(9, 9);
       for (int j = 0; j < 3; ++j) {
@@ -48,8 +48,9 @@ class Arap final : public ProjectedEnergy {
                       SmallMatrix* derivative) {
     Eigen::Matrix<double, d, d> R;
     Eigen::Matrix<double, d * d, d * d> D;
-    const bool defined = closest_rotation(Eigen::Matrix<double, d, d>(Y), R, derivative != nullptr ? &D : nullptr);
-    if (defined) c = R;
+    const Eigen::Matrix<double, d, d> F = Y.template topLeftCorner<d, d>();
+    const bool defined = closest_rotation(F, R, derivative != nullptr ? &D : nullptr);
+    if (defined) c.template topLeftCorner<d, d>() = R;
     if (derivative != nullptr) *derivative = D;
     return defined;
   }

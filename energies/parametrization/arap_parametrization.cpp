@@ -62,6 +62,12 @@ class ArapParametrization final : public ProjectedEnergy {
       if (derivative != nullptr) *derivative = D;
       return defined;
     }
+    if (Y.rows() == 3 && derivative == nullptr) {
+      const SurfaceFrame B = surface_frame(domain, t);
+      const bool defined = closest_rotation(Eigen::Matrix2d(B * Y.topLeftCorner<3, 2>()), R);
+      if (defined) c.topLeftCorner<3, 2>().noalias() = B.transpose() * R;
+      return defined;
+    }
     const TangentFrame B = edge_frame(domain, t);
     const bool defined = closest_rotation(Eigen::Matrix2d(B * Y), R, slope);
     if (defined) c = B.transpose() * R;

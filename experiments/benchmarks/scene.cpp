@@ -2,6 +2,7 @@
 #include "experiments/benchmarks/scene.h"
 
 #include <sys/resource.h>
+#include <time.h>
 
 #include <algorithm>
 #include <cmath>
@@ -22,6 +23,12 @@ Scene::Scene(const std::string& energy_name, double beta, Index cells)
     if (x[0] == 0.0) constraints.fix(v, x);
     if (x[0] == 1.0) constraints.fix(v, Eigen::RowVector2d(x[0] + 0.3, x[1] + 0.2));
   }
+}
+
+double thread_cpu_seconds() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
 double Samples::median(const std::string& name) const {

@@ -28,6 +28,9 @@ struct Scene {
   Constraints constraints;
 };
 
+/// CPU time of the calling thread so far.
+double thread_cpu_seconds();
+
 /// Timings of things that are measured in turn within each iteration of one benchmark, so that a change in the load of
 /// the machine hits all of them alike. Ratios are those of medians.
 class Samples {
@@ -40,6 +43,14 @@ class Samples {
     return seconds_[name].back();
   }
   void add(const std::string& name, double seconds) { seconds_[name].push_back(seconds); }
+  /// CPU time of the calling thread, which should be the only one at work: hardly depends on what else runs.
+  template <class Action>
+  double cpu_time(const std::string& name, const Action& action) {
+    const double before = thread_cpu_seconds();
+    action();
+    add(name, thread_cpu_seconds() - before);
+    return seconds_[name].back();
+  }
 
   double median(const std::string& name) const;
   double ratio(const std::string& name, const std::string& other) const { return median(name) / median(other); }

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <tbb/parallel_sort.h>
 
 #include <algorithm>
 #include <array>
@@ -54,9 +53,20 @@ struct CellVertices {
   auto key() const { return std::tie(vertices, cell); }
 };
 
+/// Sorts by key: first into buckets of the smallest vertex, which are small, then each of these.
 template <class Item>
-void sort_by_key(std::vector<Item>& items) {
-  tbb::parallel_sort(items.begin(), items.end(), [](const Item& a, const Item& b) { return a.key() < b.key(); });
+void sort_by_key(std::vector<Item>& items, Index vertex_count) {
+  std::vector<Index> offsets(static_cast<std::size_t>(vertex_count) + 1, 0);
+  for (const Item& item : items) ++offsets[item.vertices[0] + 1];
+  std::partial_sum(offsets.begin(), offsets.end(), offsets.begin());
+  std::vector<Item> sorted(items.size());
+  std::vector<Index> next(offsets.begin(), offsets.end() - 1);
+  for (const Item& item : items) sorted[next[item.vertices[0]]++] = item;
+  parallel_for(vertex_count, [&](Index v) {
+    std::sort(sorted.begin() + offsets[v], sorted.begin() + offsets[v + 1],
+              [](const Item& a, const Item& b) { return a.key() < b.key(); });
+  });
+  items.swap(sorted);
 }
 
 /// Calls body(group) for each group of sorted items with equal vertices.
@@ -160,7 +170,7 @@ std::vector<Facet> sorted_facets(const Mesh& mesh) {
       facets.push_back(facet);
     }
   }
-  sort_by_key(facets);
+  sort_by_key(facets, mesh.vertex_count());
   return facets;
 }
 
@@ -173,7 +183,7 @@ std::vector<Index> first_equal_cells(const Mesh& mesh) {
     std::sort(vertices.begin(), vertices.begin() + mesh.cells.cols());
     cells[c] = {vertices, c};
   });
-  sort_by_key(cells);
+  sort_by_key(cells, mesh.vertex_count());
   std::vector<Index> first(cells.size());
   for_each_group(cells, [&](std::span<const CellVertices> group) {
     for (const CellVertices& cell : group) first[cell.cell] = group.front().cell;

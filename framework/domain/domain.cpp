@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <tuple>
 
 #include "framework/base/error.h"
 #include "framework/base/parallel.h"
@@ -60,64 +61,74 @@ Domain::Domain(const Mesh& mesh, DomainKind kind)
   update_geometry();
 }
 
-double Domain::diameter() const { return (positions_.colwise().maxCoeff() - positions_.colwise().minCoeff()).norm(); }
-
 void Domain::build_connectivity() {
+  // A half facet is facet i of cell t, numbered t (m+1) + i.
+  const int corners = m_ + 1;
+  const Index half_count = cell_count() * corners;
+  const auto facet_vertex = [this, corners](Index half, int k) {
+    const int i = half % corners;
+    return cells_(half / corners, m_ == 2 ? kTriangleFacets[i][k] : kTetrahedronFacets[i][k]);
+  };
+  // Half facets at their smallest vertices, few at each, by their other vertices: those of one facet are neighbours.
   struct HalfFacet {
-    std::array<Index, 3> key;  // sorted vertices; unused entries are -1
-    Index cell;
-    int local;
+    std::array<Index, 2> others;  // sorted; the first is -1 for edges
+    Index half;
+
+    bool operator<(const HalfFacet& b) const { return std::tie(others, half) < std::tie(b.others, b.half); }
   };
-  const auto facet_vertex = [this](const HalfFacet& half, int k) {
-    return cells_(half.cell, m_ == 2 ? kTriangleFacets[half.local][k] : kTetrahedronFacets[half.local][k]);
+  const auto sorted_vertices = [&](Index half) {
+    std::array<Index, 3> vertices = {-1, -1, -1};
+    for (int k = 0; k < m_; ++k) vertices[3 - m_ + k] = facet_vertex(half, k);
+    std::sort(vertices.begin() + (3 - m_), vertices.end());
+    if (m_ == 2) std::swap(vertices[0], vertices[1]);
+    return vertices;
   };
-  std::vector<HalfFacet> halves;
-  halves.reserve(static_cast<std::size_t>(cell_count()) * (m_ + 1));
-  for (Index t = 0; t < cell_count(); ++t) {
-    for (int i = 0; i <= m_; ++i) {
-      HalfFacet half{{-1, -1, -1}, t, i};
-      for (int k = 0; k < m_; ++k) half.key[k] = facet_vertex(half, k);
-      std::sort(half.key.begin(), half.key.begin() + m_);
-      halves.push_back(half);
+  std::vector<Index> offsets(static_cast<std::size_t>(vertex_count()) + 1, 0);
+  for (Index half = 0; half < half_count; ++half) ++offsets[sorted_vertices(half)[0] + 1];
+  std::partial_sum(offsets.begin(), offsets.end(), offsets.begin());
+  std::vector<HalfFacet> halves(static_cast<std::size_t>(half_count));
+  {
+    std::vector<Index> next(offsets.begin(), offsets.end() - 1);
+    for (Index half = 0; half < half_count; ++half) {
+      const std::array<Index, 3> vertices = sorted_vertices(half);
+      halves[next[vertices[0]]++] = {{vertices[1], vertices[2]}, half};
     }
   }
-  std::vector<Index> order(halves.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::sort(order.begin(), order.end(),
-            [&](Index a, Index b) { return halves[a].key != halves[b].key ? halves[a].key < halves[b].key : a < b; });
-  std::vector<Index> left;
-  std::vector<Index> right;
-  std::vector<Index> boundary;
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    if (i + 1 < order.size() && halves[order[i]].key == halves[order[i + 1]].key) {
-      left.push_back(order[i]);
-      right.push_back(order[i + 1]);
-      ++i;
-    } else {
-      boundary.push_back(order[i]);
+  std::vector<Index> twins(static_cast<std::size_t>(half_count), -1);
+  parallel_for(vertex_count(), [&](Index v) {
+    const auto begin = halves.begin() + offsets[v];
+    const auto end = halves.begin() + offsets[v + 1];
+    std::sort(begin, end);
+    for (auto it = begin; it != end; ++it) {
+      if (it + 1 == end || it->others != (it + 1)->others) continue;
+      twins[it->half] = (it + 1)->half;
+      twins[(it + 1)->half] = it->half;
+      ++it;
     }
-  }
+  });
+
   // Facets in the order of their left cells: neighbours in memory are neighbours in space.
-  std::vector<Index> by_left(left.size());
-  std::iota(by_left.begin(), by_left.end(), 0);
-  std::sort(by_left.begin(), by_left.end(), [&](Index a, Index b) { return left[a] < left[b]; });
-  facet_cells_.resize(static_cast<Index>(left.size()), 2);
+  const auto boundary_count = static_cast<Index>(std::count(twins.begin(), twins.end(), -1));
+  facet_cells_.resize((half_count - boundary_count) / 2, 2);
   facet_vertices_.resize(facet_cells_.rows(), m_);
-  for (Index f = 0; f < facet_cells_.rows(); ++f) {
-    const HalfFacet& half = halves[left[by_left[f]]];
-    facet_cells_(f, 0) = half.cell;
-    facet_cells_(f, 1) = halves[right[by_left[f]]].cell;
-    for (int k = 0; k < m_; ++k) facet_vertices_(f, k) = facet_vertex(half, k);
-  }
-  std::sort(boundary.begin(), boundary.end());
-  boundary_facets_.resize(static_cast<Index>(boundary.size()), m_);
-  boundary_cells_.resize(boundary_facets_.rows());
+  boundary_facets_.resize(boundary_count, m_);
+  boundary_cells_.resize(boundary_count);
   boundary_vertices_.assign(vertex_count(), false);
-  for (Index f = 0; f < boundary_facets_.rows(); ++f) {
-    boundary_cells_[f] = halves[boundary[f]].cell;
-    for (int k = 0; k < m_; ++k) {
-      boundary_facets_(f, k) = facet_vertex(halves[boundary[f]], k);
-      boundary_vertices_[boundary_facets_(f, k)] = true;
+  Index facet = 0;
+  Index boundary = 0;
+  for (Index half = 0; half < half_count; ++half) {
+    if (twins[half] > half) {
+      facet_cells_(facet, 0) = half / corners;
+      facet_cells_(facet, 1) = twins[half] / corners;
+      for (int k = 0; k < m_; ++k) facet_vertices_(facet, k) = facet_vertex(half, k);
+      ++facet;
+    } else if (twins[half] < 0) {
+      boundary_cells_[boundary] = half / corners;
+      for (int k = 0; k < m_; ++k) {
+        boundary_facets_(boundary, k) = facet_vertex(half, k);
+        boundary_vertices_[boundary_facets_(boundary, k)] = true;
+      }
+      ++boundary;
     }
   }
 }
@@ -161,6 +172,10 @@ void Domain::set_positions(const Matrix& positions) {
 void Domain::update_geometry() {
   const Index cells = cell_count();
   const int corners = m_ + 1;
+  using Point = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, 3>;
+  const Point low = positions_.colwise().minCoeff();
+  const Point high = positions_.colwise().maxCoeff();
+  diameter_ = (high - low).norm();
   cell_measures_.resize(cells);
   gradients_.resize(static_cast<std::size_t>(cells) * p_ * corners);
   if (kind_ == DomainKind::surface) normals_.resize(cells, 3);

@@ -26,10 +26,9 @@ std::string to_string(DomainKind kind);
 class Domain {
  public:
   /// Takes a mesh and derives everything. The kind follows from the mesh: four columns of cells are tetrahedra; two
-  /// columns of positions, or three of which one is constant (it is dropped: see flattened), are planar; everything else
-  /// is a surface.
-  /// Throws DataError naming vertex, cell or facet when the mesh is not a manifold with consistently oriented,
-  /// non-degenerate, distinct cells and no unreferenced vertices (see check_mesh for the complete list).
+  /// columns of positions, or three of which one is constant (it is dropped: see flattened), are planar; everything
+  /// else is a surface. Throws DataError naming vertex, cell or facet when the mesh is not a manifold with consistently
+  /// oriented, non-degenerate, distinct cells and no unreferenced vertices (see check_mesh for the complete list).
   explicit Domain(const Mesh& mesh);
   Domain(const Mesh& mesh, DomainKind kind);
 
@@ -67,7 +66,7 @@ class Domain {
   /// cells x 3 unit normals of a surface; empty otherwise.
   const Matrix& normals() const { return normals_; }
   /// Length of the diagonal of the bounding box.
-  double diameter() const;
+  double diameter() const { return diameter_; }
 
   /// Gradient operator G_t of linear functions on cell t, p x (m+1): column i is the gradient of the hat function of
   /// local vertex i (Martinez Esturo 2013, appendix A.1). On surfaces its columns lie in the tangent plane.
@@ -105,6 +104,7 @@ class Domain {
   Matrix normals_;
   std::vector<double> gradients_;
   double total_measure_ = 0.0;
+  double diameter_ = 0.0;
   IndexVector cell_components_;
   Index component_count_ = 0;
 };

@@ -7,6 +7,7 @@
 #include <array>
 #include <limits>
 #include <numeric>
+#include <type_traits>
 #include <utility>
 
 #include "framework/base/error.h"
@@ -259,24 +260,37 @@ void Assembly::refill_targets(const std::vector<Term>& terms) {
   for (std::size_t i = 0; i < terms.size(); ++i) {
     const Form& form = terms[i].form;
     Stencil& stencil = stencils_[i];
-    const int n = form.residuals();
-    const int columns = form.columns();
-    const Eigen::Map<const Matrix> targets(form.target_data(0), form.site_count(), n * columns);
+    const Eigen::Map<const Matrix> targets(form.target_data(0), form.site_count(), form.residuals() * form.columns());
     terms[i].norm->apply(targets, stencil.weighted_targets);
-    parallel_for(node_count_, [&](Index v) {
-      double* g = right_hand_side_.data() + static_cast<std::ptrdiff_t>(v) * unknowns_ * columns;
-      for (Index k = stencil.offsets[v]; k < stencil.offsets[v + 1]; ++k) {
-        const double* E = form.block_data(0) + static_cast<std::ptrdiff_t>(stencil.slots[k]) * n * unknowns_;
-        const double* y = stencil.weighted_targets.data() + static_cast<std::ptrdiff_t>(stencil.sites[k]) * n * columns;
-        for (int j = 0; j < unknowns_; ++j) {
-          for (int column = 0; column < columns; ++column) {
-            double sum = 0.0;
-            for (int l = 0; l < n; ++l) sum += E[j * n + l] * y[column * n + l];
-            g[j * columns + column] += sum;
+    // Sizes as integral constants where the compiler is to know them.
+    const auto gather = [&](auto n, auto u, auto columns) {
+      parallel_for(node_count_, [&](Index v) {
+        double* g = right_hand_side_.data() + static_cast<std::ptrdiff_t>(v) * u * columns;
+        for (Index k = stencil.offsets[v]; k < stencil.offsets[v + 1]; ++k) {
+          const double* E = form.block_data(0) + static_cast<std::ptrdiff_t>(stencil.slots[k]) * n * u;
+          const double* y =
+              stencil.weighted_targets.data() + static_cast<std::ptrdiff_t>(stencil.sites[k]) * n * columns;
+          for (int j = 0; j < u; ++j) {
+            for (int column = 0; column < columns; ++column) {
+              double sum = 0.0;
+              for (int l = 0; l < n; ++l) sum += E[j * n + l] * y[column * n + l];
+              g[j * columns + column] += sum;
+            }
           }
         }
-      }
-    });
+      });
+    };
+    const std::array<int, 3> sizes = {form.residuals(), unknowns_, form.columns()};
+    using Sizes = std::array<int, 3>;
+    // The sizes of the common nonlinear energies.
+    if (sizes == Sizes{2, 1, 2})
+      gather(std::integral_constant<int, 2>(), std::integral_constant<int, 1>(), std::integral_constant<int, 2>());
+    else if (sizes == Sizes{3, 1, 2})
+      gather(std::integral_constant<int, 3>(), std::integral_constant<int, 1>(), std::integral_constant<int, 2>());
+    else if (sizes == Sizes{3, 1, 3})
+      gather(std::integral_constant<int, 3>(), std::integral_constant<int, 1>(), std::integral_constant<int, 3>());
+    else
+      gather(form.residuals(), unknowns_, form.columns());
   }
 }
 

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "framework/form/energy.h"
 
+#include <array>
+#include <cstddef>
+
 #include "framework/base/error.h"
 #include "framework/base/parallel.h"
 
@@ -60,7 +63,40 @@ bool ProjectedEnergy::target(const Domain& domain, Index t, const Matrix& U, Eig
   return closest_target(domain, t, value(form, 0, U), c, nullptr);
 }
 
+namespace {
+
+// refresh_target for sizes that are known to the compiler: N x Size blocks, one unknown per node.
+template <int N, int Size, int Columns>
+Index refresh_projections(const ProjectedEnergy& energy, const Domain& domain, const Matrix& U, Form& form) {
+  const Index* nodes = form.nodes().data();
+  return static_cast<Index>(parallel_sum(
+      form.site_count(),
+      [&](Index t) {
+        const Eigen::Map<const Eigen::Matrix<double, N, Size>> E(form.block_data(0) +
+                                                                 static_cast<std::ptrdiff_t>(t) * N * Size);
+        Eigen::Matrix<double, N, Columns> Y = Eigen::Matrix<double, N, Columns>::Zero();
+        for (int i = 0; i < Size; ++i) {
+          const double* u =
+              U.data() + static_cast<std::ptrdiff_t>(nodes[static_cast<std::ptrdiff_t>(t) * Size + i]) * Columns;
+          for (int j = 0; j < Columns; ++j) Y.col(j) += u[j] * E.col(i);
+        }
+        return energy.closest_target(domain, t, Y, form.target(t), nullptr) ? 0.0 : 1.0;
+      },
+      1024));
+}
+
+}  // namespace
+
 Index ProjectedEnergy::refresh_target(const Domain& domain, const Matrix& U, Form& form) const {
+  if (form.unknowns() == 1 && form.site_count() == domain.cell_count() &&
+      static_cast<Eigen::Index>(form.nodes().size()) == domain.cells().size()) {
+    const std::array<int, 3> sizes = {form.residuals(), domain.cell_size(), form.columns()};
+    using Sizes = std::array<int, 3>;
+    if (sizes == Sizes{2, 3, 2}) return refresh_projections<2, 3, 2>(*this, domain, U, form);
+    if (sizes == Sizes{3, 3, 2}) return refresh_projections<3, 3, 2>(*this, domain, U, form);
+    if (sizes == Sizes{3, 3, 3}) return refresh_projections<3, 3, 3>(*this, domain, U, form);
+    if (sizes == Sizes{3, 4, 3}) return refresh_projections<3, 4, 3>(*this, domain, U, form);
+  }
   return static_cast<Index>(parallel_sum(
       domain.cell_count(),
       [&](Index t) { return closest_target(domain, t, value(form, t, U), form.target(t), nullptr) ? 0.0 : 1.0; },

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "framework/base/error.h"
 #include "framework/base/parallel.h"
@@ -86,25 +87,43 @@ Matrix Form::residual(const Matrix& X) const {
   return R;
 }
 
-void Form::residual(const Matrix& X, Matrix& R) const {
+// N and Columns: known to the compiler, or 0.
+template <int N, int Columns>
+void Form::residual_of_sites(const Eigen::Ref<const Matrix>& X, Matrix& R) const {
+  const int n = N > 0 ? N : residuals_;
+  const int columns = Columns > 0 ? Columns : columns_;
+  parallel_for(site_count(), [&](Index s) {
+    const double* E = block_data(s);
+    const double* c = target_data(s);
+    double* r = R.data() + static_cast<std::size_t>(s) * R.cols();
+    for (int j = 0; j < n * columns; ++j) r[j] = -c[j];
+    for (int i = 0; i < site_size(s); ++i) {
+      for (int k = 0; k < unknowns_; ++k, E += n) {
+        const double* x = X.data() + (static_cast<std::ptrdiff_t>(node(s, i)) * unknowns_ + k) * X.outerStride();
+        for (int column = 0; column < columns; ++column) {
+          for (int l = 0; l < n; ++l) r[column * n + l] += E[l] * x[column];
+        }
+      }
+    }
+  });
+}
+
+void Form::residual(const Eigen::Ref<const Matrix>& X, Matrix& R) const {
   if (X.rows() != unknown_count() || X.cols() != columns_) {
     throw UsageError(
         fmt::format("form: expected {} x {} unknowns, got {} x {}", unknown_count(), columns_, X.rows(), X.cols()));
   }
   R.resize(site_count(), residuals_ * columns_);
-  parallel_for(site_count(), [&](Index s) {
-    const auto E = block(s);
-    double* r = R.data() + static_cast<std::size_t>(s) * R.cols();
-    const double* c = target_data(s);
-    for (int j = 0; j < residuals_ * columns_; ++j) r[j] = -c[j];
-    for (int k = 0; k < E.cols(); ++k) {
-      const Index row = node(s, k / unknowns_) * unknowns_ + k % unknowns_;
-      for (int column = 0; column < columns_; ++column) {
-        const double x = X(row, column);
-        for (int i = 0; i < residuals_; ++i) r[column * residuals_ + i] += E(i, k) * x;
-      }
-    }
-  });
+  const std::pair<int, int> sizes = {residuals_, columns_};
+  // The sizes of the common nonlinear energies.
+  if (sizes == std::pair(2, 2))
+    residual_of_sites<2, 2>(X, R);
+  else if (sizes == std::pair(3, 2))
+    residual_of_sites<3, 2>(X, R);
+  else if (sizes == std::pair(3, 3))
+    residual_of_sites<3, 3>(X, R);
+  else
+    residual_of_sites<0, 0>(X, R);
 }
 
 Matrix as_unknowns(const Matrix& U, const Form& form) {

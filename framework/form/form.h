@@ -68,9 +68,12 @@ class Form {
 
   /// r(X) for unknowns X (unknown_count x columns): sites x (n * columns), row s is vec(r_s) column by column.
   Matrix residual(const Matrix& X) const;
-  void residual(const Matrix& X, Matrix& R) const;
+  void residual(const Eigen::Ref<const Matrix>& X, Matrix& R) const;
 
  private:
+  template <int N, int Columns>
+  void residual_of_sites(const Eigen::Ref<const Matrix>& X, Matrix& R) const;
+
   std::size_t block_offset(Index s) const {
     return static_cast<std::size_t>(offsets_[s]) * static_cast<std::size_t>(residuals_ * unknowns_);
   }

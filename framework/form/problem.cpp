@@ -125,6 +125,7 @@ void Problem::ensure_pattern() {
   const Stopwatch watch;
   assembly_ = std::make_unique<Assembly>(terms_);
   reduction_ = std::make_unique<Reduction>(assembly_->matrix(), constraints_, traits_.unknowns);
+  thinned_ = {};
   times_.pattern += watch.seconds();
 }
 
@@ -198,7 +199,10 @@ Matrix Problem::solve(LinearBackend& backend) {
     } else {
       // A general LU solves definite systems too.
       const bool definite = !reduction_->indefinite() && backend.capabilities().spd;
-      backend.factorize(reduction_->matrix(), definite ? MatrixKind::spd : MatrixKind::symmetric_indefinite);
+      const Stopwatch watch;
+      const SparseMatrix& K = thinned_.refill(reduction_->matrix());
+      times_.refill += watch.seconds();
+      backend.factorize(K, definite ? MatrixKind::spd : MatrixKind::symmetric_indefinite);
     }
     if (backend.report().analyses != analyses) times_.analyze += backend.report().analyze_seconds;
     times_.factorize += backend.report().factorize_seconds;
@@ -210,9 +214,10 @@ Matrix Problem::solve(LinearBackend& backend) {
     right_hand_side = reduction_->right_hand_side(assembly_->matrix(), normal_right_hand_side(), constraints_);
   }
   const Eigen::MatrixXd Y = backend.solve(right_hand_side);
-  const Matrix X = reduction_->expand(Y, constraints_, columns);
+  Matrix U = reduction_->expand(Y, constraints_, columns);
+  U.resize(domain_.vertex_count(), traits_.dimension());  // the same memory: rows of vertices
   times_.solve += watch.seconds();
-  return as_vertex_values(X, terms_.front().form);
+  return U;
 }
 
 Matrix Problem::residual(const Matrix& U) const {
@@ -232,21 +237,39 @@ const Norm& Problem::half_norm() const {
   return *half_norm_;
 }
 
+namespace {
+
+// as_unknowns without a copy.
+Eigen::Map<const Matrix> unknowns_of(const Matrix& U, const Form& form) {
+  if (U.size() != static_cast<Eigen::Index>(form.unknown_count()) * form.columns()) {
+    throw UsageError(fmt::format("problem: {} x {} vertex values do not fit {} unknowns in {} columns", U.rows(),
+                                 U.cols(), form.unknown_count(), form.columns()));
+  }
+  return {U.data(), form.unknown_count(), form.columns()};
+}
+
+}  // namespace
+
 EnergyValue Problem::value(const Matrix& U) const {
   EnergyValue value;
-  const Matrix R = residual(U);
-  value.total = terms_.front().norm->squared(R);
-  value.plain = terms_.front().norm->plain_squared(R);
+  const Term& term = terms_.front();
+  Matrix& R = residual_;
+  term.form.residual(unknowns_of(U, term.form), R);
+  value.plain = term.norm->plain_squared(R);
   if (terms_.size() > 1) {
     const Term& own = terms_[1];
-    const Matrix own_residual = own.form.residual(as_unknowns(U, own.form));
-    value.variation = own.norm->plain_squared(own_residual);
-    value.total += own.norm->squared(own_residual);
+    value.total = term.norm->squared(R);
+    own.form.residual(unknowns_of(U, own.form), R);
+    value.variation = own.norm->plain_squared(R);
+    value.total += own.norm->squared(R);
   } else if (traits_.support == Support::cells && traits_.gauge == Gauge::world) {
     value.variation = residual_variation(domain_, norm_.facet_weight, R);
+    value.total = (1.0 - norm_.beta) * value.plain + norm_.beta * value.variation;
   } else if (norm_.beta > 0.0) {
+    value.total = term.norm->squared(R);
     value.variation = (value.total - (1.0 - norm_.beta) * value.plain) / norm_.beta;
   } else {
+    value.total = term.norm->squared(R);
     value.variation = 2.0 * half_norm().squared(R) - value.plain;
   }
   for (const auto& soft : constraints_.soft()) {

@@ -10,6 +10,7 @@
 #include "framework/form/energy.h"
 #include "framework/form/linearized_problem.h"
 #include "framework/form/norm.h"
+#include "framework/form/thinned_matrix.h"
 #include "framework/solver/linear_backend.h"
 #include "framework/solver/nonlinear_backend.h"
 
@@ -77,7 +78,7 @@ class Problem {
   /// H (lower triangle) and g of the unconstrained normal equations, filled for the current (E, c).
   const SparseMatrix& normal_matrix();
   const Matrix& normal_right_hand_side();
-  /// The matrix that is factorized.
+  /// H with the constraints eliminated: the matrix that is factorized, but for entries that cancel (ThinnedMatrix).
   const SparseMatrix& reduced_matrix();
   /// The soft-constraint weight used where none was given; 0 before the matrix was filled.
   double default_soft_weight() const { return default_soft_weight_; }
@@ -101,6 +102,7 @@ class Problem {
   std::vector<Term> terms_;
   std::unique_ptr<Assembly> assembly_;
   std::unique_ptr<Reduction> reduction_;
+  ThinnedMatrix thinned_;
   bool matrix_stale_ = true;
   SparseMatrix stacked_operator_;  // for least-squares backends; empty: stale or never asked for
   bool targets_stale_ = true;
@@ -109,6 +111,7 @@ class Problem {
   const LinearBackend* factorized_in_ = nullptr;
   int factorization_ = -1;  // of that backend: another user may have factorized something else since
   double default_soft_weight_ = 0.0;
+  mutable Matrix residual_;                  // scratch of value()
   mutable std::unique_ptr<Norm> half_norm_;  // W_n at beta = 1/2, see half_norm()
   ProblemTimes times_;
 };

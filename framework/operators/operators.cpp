@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 
+#include <cstddef>
 #include <vector>
 
 namespace variform {
@@ -76,17 +77,23 @@ TriangleGradient turned_gradient(const Domain& domain, Index t) {
   return turned;
 }
 
+SurfaceFrame surface_frame(const Domain& domain, Index t) {
+  const auto x = [&](int i) {
+    return Eigen::Map<const Eigen::Vector3d>(domain.positions().data() + std::ptrdiff_t{3} * domain.cells()(t, i));
+  };
+  const Eigen::Map<const Eigen::Vector3d> n(domain.normals().data() + std::ptrdiff_t{3} * t);
+  const Eigen::Vector3d edge = (x(1) - x(0)).normalized();
+  SurfaceFrame B;
+  B.row(0) = edge.transpose();
+  B.row(1) = n.cross(edge).transpose();
+  return B;
+}
+
 TangentFrame edge_frame(const Domain& domain, Index t) {
-  const auto p = domain.ambient_dimension();
-  TangentFrame B(2, p);
+  if (domain.ambient_dimension() == 3) return surface_frame(domain, t);
+  TangentFrame B(2, 2);
   B.row(0) = (domain.positions().row(domain.cells()(t, 1)) - domain.positions().row(domain.cells()(t, 0))).normalized();
-  if (p == 2) {
-    B.row(1) << -B(0, 1), B(0, 0);
-  } else {
-    const Eigen::Vector3d n = domain.normals().row(t).transpose();
-    const Eigen::Vector3d edge = B.row(0).transpose();
-    B.row(1) = n.cross(edge).transpose();
-  }
+  B.row(1) << -B(0, 1), B(0, 0);
   return B;
 }
 

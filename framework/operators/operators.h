@@ -32,6 +32,10 @@ using TangentFrame = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor, 2
 /// the choice of frames.
 TangentFrame edge_frame(const Domain& domain, Index t);
 
+/// The same on a surface (m = 2, p = 3), of fixed size.
+using SurfaceFrame = Eigen::Matrix<double, 2, 3>;
+SurfaceFrame surface_frame(const Domain& domain, Index t);
+
 /// Transposed deformation gradient F_t = G_t U_t of cell t (p x d) for vertex values U (|V| x d): column c is the
 /// gradient of coordinate function c. At rest F = I (planar, tetrahedral) or I - n n' (surface).
 Eigen::MatrixXd deformation(const Domain& domain, Index t, const Matrix& U);

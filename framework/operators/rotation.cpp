@@ -21,28 +21,62 @@ Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& a) {
   return A;
 }
 
+// The closest rotation of a matrix well away from singular ones with positive determinant, where it is the orthogonal
+// polar factor: Newton's iteration X -> (X + X^-T) / 2, scaled in the first steps (Higham 1986). False for others.
+bool polar_rotation(const Eigen::Matrix3d& F, Eigen::Matrix3d& R) {
+  constexpr double kWellConditioned = 1e-3;
+  const double size = F.norm();
+  if (!(size > 1e-100 && size < 1e100)) return false;  // cubes of it stay in range
+  Eigen::Matrix3d X = F / size;
+  Eigen::Matrix3d cofactors;
+  for (int step = 0; step < 20; ++step) {
+    cofactors.col(0) = X.col(1).cross(X.col(2));
+    cofactors.col(1) = X.col(2).cross(X.col(0));
+    cofactors.col(2) = X.col(0).cross(X.col(1));
+    const double determinant = X.col(0).dot(cofactors.col(0));
+    if (step == 0 && !(determinant > kWellConditioned)) return false;
+    const Eigen::Matrix3d inverse = cofactors / determinant;  // transposed
+    // The scaling sqrt(|X^-1| / |X|) is 1 at a rotation.
+    const double x = X.squaredNorm();
+    const double y = inverse.squaredNorm();
+    const double scale = std::sqrt(std::sqrt(y / x));
+    const Eigen::Matrix3d next = (0.5 * scale) * X + (0.5 / scale) * inverse;
+    const double change = (next - X).squaredNorm();
+    X = next;
+    // The error is squared in each step: this one made it vanish.
+    if (change < 1e-17) {
+      R = X;
+      return true;
+    }
+  }
+  return false;
+}
+
 }  // namespace
 
 bool closest_rotation(const Eigen::Matrix2d& F, Eigen::Matrix2d& R, Eigen::Matrix4d* derivative) {
   if (derivative != nullptr) derivative->setZero();
   const double p = F(0, 0) + F(1, 1);
   const double q = F(0, 1) - F(1, 0);
-  const double size = F.norm();
-  const double length = std::hypot(p, q);
-  if (!(length > kNotUnique * size)) return false;
-  const double c = p / length;
-  const double s = q / length;
+  const double length2 = p * p + q * q;
+  const double size2 = F.squaredNorm();
+  if (!(length2 > kNotUnique * kNotUnique * size2)) return false;
+  const double length = std::sqrt(length2);
+  const double scale = 1.0 / length;
+  const double c = p * scale;
+  const double s = q * scale;
   R << c, s, -s, c;
   if (derivative != nullptr) {
     // R turns by the angle alpha = atan2(q, p); rank one: (dR/dalpha) (dalpha/dF)'.
     const Eigen::Vector4d turn(-s, -c, c, -s);
     const Eigen::Vector4d rate(-s, -c, c, -s);
-    *derivative = turn * rate.transpose() / std::max(length, kClamp * size);
+    *derivative = turn * rate.transpose() / std::max(length, kClamp * std::sqrt(size2));
   }
   return true;
 }
 
 bool closest_rotation(const Eigen::Matrix3d& F, Eigen::Matrix3d& R, Matrix99* derivative) {
+  if (derivative == nullptr && polar_rotation(F, R)) return true;
   if (derivative != nullptr) derivative->setZero();
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Vector3d sigma = svd.singularValues();
@@ -88,7 +122,7 @@ bool closest_orthonormal_rows(const Matrix23& F, Matrix23& R, Matrix66* derivati
   const double determinant = delta;  // det P
   Eigen::Matrix2d adjugate;
   adjugate << P(1, 1), -P(0, 1), -P(1, 0), P(0, 0);
-  R = adjugate * F / determinant;
+  R.noalias() = (1.0 / determinant) * adjugate * F;
   if (derivative != nullptr) {
     // With F = P R: dR = w [0 -1; 1 0] R + P^-1 dF (I - R'R), tr(P) w = (dF R')_21 - (dF R')_12.
     const double largest = P.trace();

@@ -39,13 +39,13 @@ Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const 
   report_.history.push_back({0, value(objective, U), 0.0, watch.seconds()});
   while (report_.iterations < options.max_iterations) {
     whole_ = 0.0;
-    const Matrix next = step(objective, U);
+    Matrix next = step(objective, U);
     if (!next.allFinite()) {
       throw SolverError(fmt::format("nonlinear backend '{}': a coordinate is not finite after iteration {}", name,
                                     report_.iterations + 1));
     }
     const double change = (next - U).cwiseAbs().maxCoeff() / objective.length_scale();
-    U = next;
+    U.swap(next);
     ++report_.iterations;
     report_.history.push_back({report_.iterations, value(objective, U), change, watch.seconds()});
     if (!std::isfinite(report_.history.back().energy.total)) {
