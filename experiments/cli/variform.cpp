@@ -107,6 +107,9 @@ std::vector<std::string> shown_columns(const Record& record, const Config& confi
     const std::vector<std::string> chosen = root.at("output").at("columns").strings();
     columns.insert(columns.end(), chosen.begin(), chosen.end());
   } else {
+    const bool searched = std::any_of(record.rows.begin(), record.rows.end(),
+                                      [](const Row& row) { return row.find("beta_found") != nullptr; });
+    if (searched) columns.insert(columns.end(), {"beta", "beta_found"});
     columns.insert(columns.end(), {"vertices", "cells", "energy", "energy_R", "energy_W", "flipped", "min_det",
                                    "local_energy_max", "iterations", "converged", "solver_residual"});
   }

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
 
 #include "energies/energies.h"
 #include "energies/gradient/poisson.h"
@@ -10,6 +12,7 @@
 #include "framework/base/error.h"
 #include "framework/operators/distortion.h"
 #include "framework/operators/operators.h"
+#include "solvers/linear/linear_backends.h"
 
 namespace variform {
 namespace {
@@ -82,28 +85,22 @@ Matrix probe(const Domain& domain, const Matrix& U, Index lattice) {
 // How far moved vertices stick out: the largest distance of one from the mean of its neighbours.
 double spike_height(const Domain& domain, const Matrix& U, const std::vector<Index>& moved) {
   if (moved.empty()) return 0.0;
-  std::vector<int> place(domain.vertex_count(), -1);
-  for (std::size_t i = 0; i < moved.size(); ++i) place[moved[i]] = static_cast<int>(i);
-  const auto d = U.cols();
-  // Every cell that a neighbour shares with the vertex counts it once: twice on triangles inside, which leaves the
-  // mean.
-  Matrix sums = Matrix::Zero(static_cast<Index>(moved.size()), d);
-  Vector counts = Vector::Zero(static_cast<Index>(moved.size()));
+  std::map<Index, std::set<Index>> neighbours;
+  for (const Index v : moved) neighbours[v];
   for (Index t = 0; t < domain.cell_count(); ++t) {
     for (int i = 0; i < domain.cell_size(); ++i) {
-      const int at = place[domain.cells()(t, i)];
-      if (at < 0) continue;
+      const auto found = neighbours.find(domain.cells()(t, i));
+      if (found == neighbours.end()) continue;
       for (int j = 0; j < domain.cell_size(); ++j) {
-        if (j == i) continue;
-        sums.row(at) += U.row(domain.cells()(t, j));
-        counts[at] += 1.0;
+        if (j != i) found->second.insert(domain.cells()(t, j));
       }
     }
   }
   double height = 0.0;
-  for (std::size_t i = 0; i < moved.size(); ++i) {
-    const auto row = static_cast<Index>(i);
-    height = std::max(height, (U.row(moved[i]) - sums.row(row) / counts[row]).norm());
+  for (const auto& [vertex, around] : neighbours) {
+    Eigen::RowVectorXd mean = Eigen::RowVectorXd::Zero(U.cols());
+    for (const Index v : around) mean += U.row(v) / static_cast<double>(around.size());
+    height = std::max(height, (U.row(vertex) - mean).norm());
   }
   return height;
 }
@@ -119,16 +116,15 @@ std::unique_ptr<Energy> poisson_at_rest(const Domain& domain) {
   return make_poisson(guidance, p);
 }
 
-Matrix start_state(const Study& study) {
-  if (study.solver.start != "rest") {
-    const EnergyEntry& larap = energies().find("larap");
-    const auto start =
-        study.solver.start == "larap" ? larap.make(Parameters(larap.parameters)) : poisson_at_rest(study.domain);
-    return Problem(study.domain, *start, study.norm.options, study.constraints).solve(*study.solver.linear);
-  }
-  Matrix U = study.domain.positions();
-  for (const auto& fixed : study.constraints.fixed()) U.row(fixed.vertex) = fixed.value;
-  return U;
+Matrix start_state(const Study& study, double beta) {
+  if (study.solver.start == "rest") return study.domain.positions();
+  const EnergyEntry& larap = energies().find("larap");
+  const auto start =
+      study.solver.start == "larap" ? larap.make(Parameters(larap.parameters)) : poisson_at_rest(study.domain);
+  NormOptions norm = study.norm.options;
+  norm.beta = beta;
+  const auto linear = make_linear_backend("auto");
+  return Problem(study.domain, *start, norm, study.constraints).solve(*linear);
 }
 
 PointResult run(const Config& config) {
@@ -164,7 +160,7 @@ PointResult run(const Config& config) {
       row.set("boundary_crossings", static_cast<std::int64_t>(boundary_crossings(domain, U)));
     }
   };
-  if (traits.state != StateDependence::none) study.start = start_state(study);
+  study.start = [&](double beta) { return start_state(study, beta); };
   Vector local;
   const Matrix U = run_study(study, result, local);
 
@@ -175,15 +171,7 @@ PointResult run(const Config& config) {
   result.fields = {local_energy_field(loaded, local),
                    {"isometric_distortion", MeshField::On::cells, cells.isometric},
                    {"displacement", MeshField::On::vertices, loaded.values_as_input(displacement)}};
-  MeshFigure figure;
-  figure.name = "deformed";
-  figure.mesh = {U, domain.cells()};
-  figure.cell_values = on_cells(domain, local);
-  figure.fixed_vertices = constraints.fixed;
-  figure.moved_vertices = constraints.moved;
-  figure.soft_vertices = constraints.soft;
-  figure.flipped_cells = cells.flipped;
-  result.figures = {figure};
+  result.figures = {study_figure("deformed", U, domain, local, constraints, cells.flipped)};
   if (domain.kind() == DomainKind::planar) {
     result.probes = probe(domain, U, lattice);
     result.probe_scale = domain.diameter();

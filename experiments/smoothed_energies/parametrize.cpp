@@ -9,6 +9,7 @@
 #include "framework/base/error.h"
 #include "framework/operators/distortion.h"
 #include "solvers/linear/linear_backends.h"
+#include "solvers/nonlinear/nonlinear_backends.h"
 
 namespace variform {
 namespace {
@@ -112,7 +113,12 @@ PointResult run(const Config& config) {
   result.warnings = loaded.warnings;
   const Matrix initial = named_map(map.string("initial"), domain, map);
   LoadedConstraints constraints = load_constraints(constraint_tables(config), loaded, {.state = initial});
-  if (constraint_tables(config).empty()) pin(domain, initial, linear, constraints);
+  if (constraint_tables(config).empty()) {
+    pin(domain, initial, linear, constraints);
+    // With beta > 0 the alternation turns the map about a single pin for ever.
+    const bool chosen = root.has("solver") && root.at("solver").has("nonlinear");
+    if (!chosen) solver.nonlinear = make_nonlinear_backend("gauss_newton");
+  }
   if (linear && !holds_two_points(constraints.constraints)) {
     throw DataError("a linear parametrization needs two pins at different places: with fewer it shrinks to a point");
   }
@@ -125,9 +131,9 @@ PointResult run(const Config& config) {
     row.set("boundary_crossings", static_cast<std::int64_t>(boundary_crossings(domain, U)));
   };
   if (!linear) {
-    study.start = solver.start == "initial" ? initial : named_map(solver.start, domain, map);
-    result.metrics.set("start_flipped", static_cast<std::int64_t>(distortion(domain, study.start).flipped.size()));
-    for (const auto& fixed : constraints.constraints.fixed()) study.start.row(fixed.vertex) = fixed.value;
+    const Matrix start = solver.start == "initial" ? initial : named_map(solver.start, domain, map);
+    result.metrics.set("start_flipped", static_cast<std::int64_t>(distortion(domain, start).flipped.size()));
+    study.start = [start](double) { return start; };
   }
   Vector local;
   const Matrix U = run_study(study, result, local);
@@ -140,14 +146,7 @@ PointResult run(const Config& config) {
                    {"isometric_distortion", MeshField::On::cells, cells.isometric},
                    {"conformal_ratio", MeshField::On::cells, cells.conformal_ratio},
                    {"determinant", MeshField::On::cells, cells.determinant}};
-  MeshFigure plane;
-  plane.name = "uv";
-  plane.mesh = {U, domain.cells()};
-  plane.cell_values = on_cells(domain, local);
-  plane.fixed_vertices = constraints.fixed;
-  plane.moved_vertices = constraints.moved;
-  plane.soft_vertices = constraints.soft;
-  plane.flipped_cells = cells.flipped;
+  const MeshFigure plane = study_figure("uv", U, domain, local, constraints, cells.flipped);
   MeshFigure texture = plane;
   texture.name = "texture";
   texture.mesh = {domain.positions(), domain.cells()};

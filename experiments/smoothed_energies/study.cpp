@@ -18,6 +18,9 @@
 namespace variform {
 namespace {
 
+// Energies below, per measure, are rounding (squares of 1e-12).
+constexpr double kRoundingEnergy = 1e-24;
+
 const std::vector<Parameter> kNormParameters = {{.name = "beta",
                                                  .value = 0.0,
                                                  .doc = "regularization weight, or \"auto\": see [norm.auto]",
@@ -79,7 +82,10 @@ BetaSearch read_search(const ConfigNode& norm, const std::vector<Metric>& own) {
   if (norm.has("auto")) p = norm.at("auto").parameters(kAutoParameters);
   BetaSearch search;
   search.l_curve = p.string("method") == "l_curve";
-  const auto read_condition = [&] { return Condition(p.string("until")); };
+  const auto read_condition = [&] {
+    if (p.string("until").empty()) throw UsageError("expected a condition on metrics");
+    return Condition(p.string("until"));
+  };
   const Condition until = norm.has("auto") && norm.at("auto").has("until")
                               ? norm.at("auto").at("until").located(read_condition)
                               : read_condition();
@@ -239,8 +245,18 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
   Problem problem(study.domain, study.energy, study.norm.options, study.constraints);
   Outcome outcome;
   double beta = study.norm.options.beta;
-  Matrix start = study.start;
-  const auto measured_now = [&] {
+  Matrix last;
+  int limited = 0;
+  const auto at = [&](double value) {
+    beta = value;
+    problem.set_beta(value);
+    Matrix start;
+    if (problem.traits().state != StateDependence::none) {
+      start = last.size() > 0 ? last : closest_feasible(study.constraints, study.start(value));
+    }
+    outcome = minimize(problem, study.solver, start);
+    if (study.norm.search && study.norm.search->warm_start) last = outcome.U;
+    limited += outcome.converged ? 0 : 1;
     Row row;
     set_energies(problem, outcome, row);
     study.measure(outcome.U, row);
@@ -249,29 +265,50 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
     row.set("converged", outcome.converged);
     return row;
   };
-  const auto at = [&](double value) {
-    beta = value;
-    problem.set_beta(value);
-    outcome = minimize(problem, study.solver, start);
-    if (study.norm.search && study.norm.search->warm_start) start = outcome.U;
-    return measured_now();
-  };
   Row measured;
   std::optional<Trials> trials;
-  if (study.norm.search) {
+  if (!study.norm.search) {
+    measured = at(beta);
+  } else {
     const BetaSearch& search = *study.norm.search;
-    trials = search.l_curve ? l_curve(search.corner, at) : find_threshold(search.threshold, at);
-    if (!trials->found) {
-      result.warnings.push_back(
-          search.l_curve ? "the L-curve has no corner"
-                         : fmt::format("no beta up to {} fulfils '{}'", trials->high, search.threshold.until.text()));
+    // The answer's own result is kept: with warm starts another run might end elsewhere.
+    std::optional<Outcome> answer;
+    double answer_beta = 0.0;
+    Row answer_row;
+    const auto keep = [&](const Row& row) {
+      answer = outcome;
+      answer_beta = beta;
+      answer_row = row;
+    };
+    if (search.l_curve) {
+      LCurveSearch corner = search.corner;
+      corner.floor = kRoundingEnergy * study.domain.total_measure();
+      trials = l_curve(corner, at);
+      keep(at(trials->found ? trials->value : 0.0));
+      if (!trials->found) {
+        result.warnings.push_back("the L-curve has no corner; this is the result without regularization");
+      }
+    } else {
+      const Condition& until = search.threshold.until;
+      trials = find_threshold(search.threshold, [&](double value) {
+        Row row = at(value);
+        const bool better = until.holds(row) && (!answer || !until.holds(answer_row) || value < answer_beta);
+        if (better || !answer || (!until.holds(answer_row) && value > answer_beta)) keep(row);
+        return row;
+      });
+      if (!trials->found) {
+        result.warnings.push_back(fmt::format("no beta up to {} fulfils '{}'", trials->high, until.text()));
+      }
+    }
+    if (limited > 0) {
+      trials->metrics.emplace_back("converged");
+      trials->remarks.push_back(
+          fmt::format("{} of {} runs ended at the iteration limit", limited, trials->rows.size()));
     }
     for (const std::string& remark : trials->remarks) result.warnings.push_back("search for beta: " + remark);
-    const double answer = trials->found ? trials->value : trials->high;
-    if (beta != answer) at(answer);
-    measured = measured_now();
-  } else {
-    measured = at(beta);
+    outcome = *answer;
+    beta = answer_beta;
+    measured = answer_row;
   }
   if (!outcome.converged) result.warnings.push_back("not converged: " + outcome.reason);
   result.history = outcome.history;
@@ -323,7 +360,8 @@ std::vector<Metric> study_metrics(const std::vector<Metric>& own) {
       {{"beta_trials"}, "with beta = \"auto\": values tried"},
       {{"analyses"}, "with beta = \"auto\": symbolic analyses for all trials"},
       {{"energy", "E_P"}, "unregularized energy, sum of A_t |r_t|^2"},
-      {{"energy_R", "E_R"}, "variation of the residual, sum of b_f |r_l - r_r|^2"},
+      {{"energy_R", "E_R"},
+       "what beta weighs: variation of the residual, sum of b_f |r_l - r_r|^2 (tikhonov: integral of |grad u|^2)"},
       {{"energy_W", "E_W"}, "regularized energy ||r||^2_W"},
       {{"energy_mean", "E_P / measure"}, "unregularized energy by rest measure"},
       {{"local_energy_max", "max |r|²"}, "largest |r_t|^2"}};
@@ -333,7 +371,7 @@ std::vector<Metric> study_metrics(const std::vector<Metric>& own) {
       {{"hard_error", "hard error"}, "largest distance of a fixed vertex from its target"},
       {{"iterations"}, "of the nonlinear backend; 1 for linear energies"},
       {{"converged"}, "whether the stopping rule held (an iteration limit is not convergence)"},
-      {{"undefined_targets"}, "cells, summed over iterations, whose closest rotation was undefined"},
+      {{"undefined_targets"}, "cells, summed over all evaluated states, whose closest rotation was undefined"},
       {{"nonlinear"}, "nonlinear backend; none for linear energies"},
       {{"solver"}, "linear backend that did the work"},
       {{"solver_residual", "residual", "", 2}, "relative residual of the last solve"},
@@ -393,6 +431,20 @@ MeshField local_energy_field(const LoadedDomain& loaded, const Vector& local_ene
     return {"local_energy", MeshField::On::cells, local_energy};
   }
   return {"local_energy", MeshField::On::vertices, loaded.values_as_input(local_energy)};
+}
+
+MeshFigure study_figure(const std::string& name, const Matrix& positions, const Domain& domain,
+                        const Vector& local_energy, const LoadedConstraints& constraints,
+                        const std::vector<Index>& flipped) {
+  MeshFigure figure;
+  figure.name = name;
+  figure.mesh = {positions, domain.cells()};
+  figure.cell_values = on_cells(domain, local_energy);
+  figure.fixed_vertices = constraints.fixed;
+  figure.moved_vertices = constraints.moved;
+  figure.soft_vertices = constraints.soft;
+  figure.flipped_cells = flipped;
+  return figure;
 }
 
 Vector on_cells(const Domain& domain, const Vector& values) {

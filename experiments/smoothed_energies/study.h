@@ -45,7 +45,8 @@ struct Study {
   const NormChoice& norm;
   const Constraints& constraints;
   SolverChoice& solver;
-  Matrix start;  ///< of nonlinear backends, |V| x d, constraints satisfied
+  /// Where nonlinear backends start for a given beta, |V| x d; moved to satisfy the hard constraints.
+  std::function<Matrix(double beta)> start;
   /// Metrics of a result U that only the pipeline knows; the condition of a search may ask for them.
   std::function<void(const Matrix& U, Row& row)> measure;
 };
@@ -76,6 +77,10 @@ void set_sizes(const Domain& domain, Row& row);
 void set_distortion(const Domain& domain, const Matrix& U, Row& row);
 /// Fields of a result for the VTU, per cell or vertex as the energy has its residuals.
 MeshField local_energy_field(const LoadedDomain& loaded, const Vector& local_energy);
+/// Picture of a domain's cells at other positions, coloured by local energy, constraints marked.
+MeshFigure study_figure(const std::string& name, const Matrix& positions, const Domain& domain,
+                        const Vector& local_energy, const LoadedConstraints& constraints,
+                        const std::vector<Index>& flipped);
 /// Values per cell for colours: those of vertices averaged.
 Vector on_cells(const Domain& domain, const Vector& values);
 

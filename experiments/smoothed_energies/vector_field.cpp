@@ -61,15 +61,7 @@ PointResult run(const Config& config) {
   velocity.leftCols(V.cols()) = V;
   result.fields = {local_energy_field(loaded, local),
                    {"velocity", MeshField::On::vertices, loaded.values_as_input(velocity)}};
-  MeshFigure figure;
-  figure.name = "moved";
-  figure.mesh = {moved, domain.cells()};
-  figure.cell_values = on_cells(domain, local);
-  figure.fixed_vertices = constraints.fixed;
-  figure.moved_vertices = constraints.moved;
-  figure.soft_vertices = constraints.soft;
-  figure.flipped_cells = cell_distortion(domain, moved).flipped;
-  result.figures = {figure};
+  result.figures = {study_figure("moved", moved, domain, local, constraints, cell_distortion(domain, moved).flipped)};
   return result;
 }
 

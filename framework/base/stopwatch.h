@@ -8,7 +8,12 @@ namespace variform {
 /// Wall-clock seconds since construction or the last restart().
 class Stopwatch {
  public:
-  void restart() { start_ = Clock::now(); }
+  /// Returns the seconds up to now.
+  double restart() {
+    const double elapsed = seconds();
+    start_ = Clock::now();
+    return elapsed;
+  }
   double seconds() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
 
  private:

@@ -294,7 +294,8 @@ void ConfigNode::accept_keys(const std::vector<std::string>& keys) const {
   for (const auto& [name, value] : table()) {
     if (std::find(keys.begin(), keys.end(), name) == keys.end()) {
       ConfigNode(value, file_, path_.empty() ? name : path_ + "." + name)
-          .fail(fmt::format("unknown key; accepted here: {}", fmt::join(keys, ", ")));
+          .fail(keys.empty() ? std::string("unknown key; none is accepted here")
+                             : fmt::format("unknown key; accepted here: {}", fmt::join(keys, ", ")));
     }
   }
 }

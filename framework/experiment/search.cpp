@@ -224,9 +224,10 @@ Trials l_curve(const LCurveSearch& search, const TrialRun& run) {
                              ? search.high
                              : from_coordinate(Spacing::odds, first + (last - first) * i / (search.count - 1));
     const Row metrics = run(value);
-    const Eigen::Vector2d place(std::log(metric_of(metrics, search.residual)),
-                                std::log(metric_of(metrics, search.regularizer)));
-    const bool usable = place.allFinite();
+    const double residual = metric_of(metrics, search.residual);
+    const double regularizer = metric_of(metrics, search.regularizer);
+    const Eigen::Vector2d place(std::log(residual), std::log(regularizer));
+    const bool usable = place.allFinite() && std::min(residual, regularizer) > search.floor;
     Row row;
     row.set(search.key, value);
     row.set("asked", std::string("grid"));

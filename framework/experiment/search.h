@@ -67,6 +67,7 @@ struct LCurveSearch {
                                  ///< square, if the residual is squared
   double low = 1e-3;             ///< smallest value of the grid, > 0
   double high = 0.99;            ///< largest value, < 1
+  double floor = 0.0;            ///< metrics at or below are rounding: their points are left out
   int count = 13;                ///< points of the grid, equally spaced in log(beta / (1 - beta)); at least 3
 };
 
@@ -76,10 +77,10 @@ struct LCurveSearch {
 /// positive where the curve turns as an L does.
 ///
 /// found: there is an inner point of positive curvature; `value` is its beta, [low, high] its neighbours on the grid.
-/// Points whose metrics are not positive and finite are left out (held = false), as are those that lie within 1e-6 of
-/// the curve's length of a neighbour, where curvature is rounding. Along growing beta the residual must not fall and
-/// the regularizer must not rise (by more than 1e-9 relatively): each violation is told in `remarks`. Rows that were
-/// used carry "curvature".
+/// Points whose metrics are not finite and above the floor are left out (held = false), as are those that lie within
+/// 1e-6 of the curve's length of a neighbour, where curvature is rounding. Along growing beta the residual must not
+/// fall and the regularizer must not rise (by more than 1e-9 relatively): each violation is told in `remarks`. Rows
+/// that were used carry "curvature".
 ///
 /// Throws UsageError for a grid that makes no sense and metrics that rows lack; whatever run throws.
 Trials l_curve(const LCurveSearch& search, const TrialRun& run);

@@ -2,6 +2,7 @@
 #include "framework/form/constraints.h"
 
 #include <Eigen/Dense>
+#include <Eigen/IterativeLinearSolvers>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -463,6 +464,50 @@ void check_constraint_rank(const Domain& domain, const Constraints& constraints,
       "motions that the energy does not see{}; constrain more vertices there",
       component, domain.component_count(), cell, count[component], own[component].rank(), motions,
       coupled ? ", and what it shares with other vertices does not hold the rest" : ""));
+}
+
+Matrix closest_feasible(const Constraints& constraints, const Matrix& U) {
+  Matrix result = U;
+  std::vector<bool> held(constraints.vertex_count(), false);
+  for (const auto& fixed : constraints.fixed()) {
+    result.row(fixed.vertex) = fixed.value;
+    held[fixed.vertex] = true;
+  }
+  const auto rows = static_cast<Index>(constraints.identified().size() + constraints.equalities().size());
+  if (rows == 0) return result;
+  // min |change|^2 subject to A change = defect, on the vertices that are not fixed.
+  std::vector<Eigen::Triplet<double, Index>> triplets;
+  Eigen::MatrixXd defect = Eigen::MatrixXd::Zero(rows, U.cols());
+  Index row = 0;
+  const auto add = [&](Index vertex, double weight) {
+    defect.row(row) -= weight * result.row(vertex);
+    if (!held[vertex]) triplets.emplace_back(row, vertex, weight);
+  };
+  for (const auto& pair : constraints.identified()) {
+    add(pair.first, 1.0);
+    add(pair.second, -1.0);
+    ++row;
+  }
+  for (const auto& equality : constraints.equalities()) {
+    defect.row(row) += equality.value;
+    for (std::size_t i = 0; i < equality.vertices.size(); ++i) add(equality.vertices[i], equality.weights[i]);
+    ++row;
+  }
+  SparseMatrix A(rows, constraints.vertex_count());
+  A.setFromTriplets(triplets.begin(), triplets.end());
+  // Conjugate gradients do not mind constraints that say the same twice.
+  const SparseMatrix normal = A * SparseMatrix(A.transpose());
+  Eigen::ConjugateGradient<SparseMatrix, Eigen::Lower | Eigen::Upper, Eigen::IdentityPreconditioner> solver(normal);
+  solver.setTolerance(1e-15);
+  solver.setMaxIterations(10 * static_cast<Eigen::Index>(rows) + 100);
+  const Eigen::MatrixXd multipliers = solver.solve(defect);
+  const Eigen::MatrixXd change = A.transpose() * multipliers;
+  const double left = (A * change - defect).cwiseAbs().maxCoeff();
+  if (!(left <= 1e-10 * (1.0 + U.cwiseAbs().maxCoeff()))) {
+    throw SolverError(fmt::format("the hard constraints contradict each other: {:.3g} is left", left));
+  }
+  result += change;
+  return result;
 }
 
 }  // namespace variform

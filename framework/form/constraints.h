@@ -64,6 +64,11 @@ class Constraints {
   std::vector<Equality> equalities_;
 };
 
+/// The state closest to U (|V| x d) that satisfies the hard constraints: fixed values put in, and the smallest change
+/// for identifications and linear equalities. Where nonlinear backends start. Throws SolverError when these contradict
+/// each other.
+Matrix closest_feasible(const Constraints& constraints, const Matrix& U);
+
 /// Elimination of the hard constraints from H (lower triangle): x = Z y + x_fixed with one y per group of identified
 /// unknowns, K = Z'HZ, and one multiplier row per linear equality. Where the entries of H go, in K or to the right-hand
 /// side, is computed once per pattern: refill() only moves values, most of them in long runs, in parallel (same bits on

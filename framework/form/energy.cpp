@@ -2,6 +2,7 @@
 #include "framework/form/energy.h"
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 
 #include "framework/base/error.h"
@@ -54,6 +55,18 @@ ProjectedEnergy::SmallMatrix ProjectedEnergy::value(const Form& form, Index t, c
     }
   }
   return Y;
+}
+
+Form ProjectedEnergy::declare(const Domain& domain) const {
+  Form form = CellEnergy::declare(domain);
+  // Zero is not admissible: it is what undefined targets are left with. Y is any matrix without symmetries.
+  const Eigen::MatrixXd Y =
+      Eigen::MatrixXd::NullaryExpr(form.residuals(), form.columns(),
+                                   [](Eigen::Index i, Eigen::Index j) { return std::cos(1.0 + 3.0 * i + 7.0 * j); });
+  for (Index t = 0; t < form.site_count(); ++t) {
+    if (form.target(t).isZero(0.0)) closest_target(domain, t, Y, form.target(t), nullptr);
+  }
+  return form;
 }
 
 bool ProjectedEnergy::target(const Domain& domain, Index t, const Matrix& U, Eigen::Ref<Eigen::MatrixXd> c) const {

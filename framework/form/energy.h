@@ -104,6 +104,8 @@ class ProjectedEnergy : public CellEnergy {
   virtual bool closest_target(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
                               Eigen::Ref<Eigen::MatrixXd> c, SmallMatrix* derivative) const = 0;
 
+  /// Targets that are undefined at rest begin as some admissible one.
+  Form declare(const Domain& domain) const override;
   bool target(const Domain& domain, Index t, const Matrix& U, Eigen::Ref<Eigen::MatrixXd> c) const override;
   Index refresh_target(const Domain& domain, const Matrix& U, Form& form) const override;
 

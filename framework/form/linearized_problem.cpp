@@ -5,6 +5,7 @@
 
 #include "framework/base/error.h"
 #include "framework/base/parallel.h"
+#include "framework/base/stopwatch.h"
 #include "framework/form/problem.h"
 
 namespace variform {
@@ -49,7 +50,6 @@ LinearizedProblem::LinearizedProblem(Problem& problem) : problem_(problem) {
       couple_block(problem.terms()[i].form, s, terms_[i].form.block(s));
     }
   }
-  assembly_ = std::make_unique<Assembly>(terms_);
 }
 
 LinearizedProblem::~LinearizedProblem() = default;
@@ -116,26 +116,38 @@ Constraints LinearizedProblem::constraints_at(const Matrix& U) {
 }
 
 Direction LinearizedProblem::direction(const Matrix& U, double damping, LinearBackend& backend) {
+  ProblemTimes& times = problem_.times_;
+  Stopwatch watch;
   linearize(U);
+  const Constraints constraints = constraints_at(U);
+  times.declare += watch.restart();
+  const int d = terms_.front().form.unknowns();
+  if (!assembly_) {
+    assembly_ = std::make_unique<Assembly>(terms_);
+    reduction_ = std::make_unique<Reduction>(assembly_->matrix(), constraints, d);
+    times.pattern += watch.restart();
+  }
   assembly_->refill(terms_);
   assembly_->refill_targets(terms_);
-  const Constraints constraints = constraints_at(U);
-  const int d = terms_.front().form.unknowns();
-  if (!reduction_) reduction_ = std::make_unique<Reduction>(assembly_->matrix(), constraints, d);
   reduction_->refill(assembly_->matrix(), constraints);
   const Index free = reduction_->free_count();
   SparseMatrix K = reduction_->matrix();
   const double shift = free > 0 ? damping * Vector(K.diagonal()).head(free).mean() : 0.0;
   for (Index i = 0; i < free; ++i) K.coeffRef(i, i) += shift;
+  times.refill += watch.restart();
   // A general LU solves definite systems too.
   const bool definite = !reduction_->indefinite() && backend.capabilities().spd;
+  const int analyses = backend.report().analyses;
   backend.factorize(K, definite ? MatrixKind::spd : MatrixKind::symmetric_indefinite);
+  if (backend.report().analyses != analyses) times.analyze += backend.report().analyze_seconds;
+  times.factorize += backend.report().factorize_seconds;
+  watch.restart();
   const Eigen::MatrixXd b = reduction_->right_hand_side(assembly_->matrix(), assembly_->right_hand_side(), constraints);
   const Eigen::MatrixXd y = backend.solve(b);
   Direction direction;
   direction.slope = -2.0 * b.col(0).head(free).dot(y.col(0).head(free));
-  direction.gradient = free > 0 ? 2.0 * b.col(0).head(free).cwiseAbs().maxCoeff() : 0.0;
   direction.step = as_vertex_values(reduction_->expand(y, constraints, 1), terms_.front().form);
+  times.solve += watch.restart();
   return direction;
 }
 

@@ -265,7 +265,7 @@ EnergyValue Problem::value(const Matrix& U) const {
   } else if (traits_.support == Support::cells && traits_.gauge == Gauge::world) {
     value.variation = residual_variation(domain_, norm_.facet_weight, R);
     value.total = (1.0 - norm_.beta) * value.plain + norm_.beta * value.variation;
-  } else if (norm_.beta > 0.0) {
+  } else if (norm_.beta > 1e-3) {  // below, the difference is rounding
     value.total = term.norm->squared(R);
     value.variation = (value.total - (1.0 - norm_.beta) * value.plain) / norm_.beta;
   } else {
@@ -279,7 +279,7 @@ EnergyValue Problem::value(const Matrix& U) const {
   return value;
 }
 
-void Problem::couple_targets(const Matrix& U) {
+Index Problem::couple_targets(const Matrix& U) {
   const auto* energy = dynamic_cast<const ProjectedEnergy*>(&energy_);
   if (energy == nullptr) throw UsageError("coupled targets need an energy whose targets are projections");
   Form& form = terms_.front().form;
@@ -292,6 +292,7 @@ void Problem::couple_targets(const Matrix& U) {
   for (Index l = 0; l < norm.link_count(); ++l) {
     for (int side = 0; side < 2; ++side) links[norm.links()(l, side)].push_back(2 * l + side);
   }
+  Index undefined = 0;
   // Terms of E that see c_t: W_tt |c_t - Y|^2 with Y = F_t + sum_s W_ts T_ts r_s / W_tt.
   for (Index t = 0; t < norm.site_count(); ++t) {
     Eigen::RowVectorXd pull = Eigen::RowVectorXd::Zero(R.cols());
@@ -312,11 +313,12 @@ void Problem::couple_targets(const Matrix& U) {
     }
     const ProjectedEnergy::SmallMatrix F = ProjectedEnergy::value(form, t, U);
     const Eigen::MatrixXd Y = F + Eigen::Map<const Eigen::MatrixXd>(pull.data(), n, columns) / norm.diagonal()[t];
-    energy->closest_target(domain_, t, Y, form.target(t), nullptr);
+    if (!energy->closest_target(domain_, t, Y, form.target(t), nullptr)) ++undefined;
     Eigen::Map<Eigen::MatrixXd>(R.row(t).data(), n, columns) = F - form.target(t);
   }
   target_state_ = Matrix::Constant(1, 1, 0.0);  // of no state
   targets_stale_ = true;
+  return undefined;
 }
 
 EnergyValue ProblemObjective::value(const Matrix& U) {
@@ -337,7 +339,7 @@ Direction ProblemObjective::gauss_newton(const Matrix& U, double damping) {
 }
 
 Matrix ProblemObjective::coupled_step(const Matrix& U) {
-  problem_.couple_targets(U);
+  undefined_targets_ += problem_.couple_targets(U);
   return problem_.solve(backend_);
 }
 

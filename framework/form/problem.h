@@ -63,8 +63,9 @@ class Problem {
   Index refresh_target(const Matrix& U);
 
   /// One sweep over the cells that gives each target the value that minimizes ||E U - c||^2_W with all others held
-  /// (methods: coupled local step, sec. 4.4). Throws UsageError unless the energy is a ProjectedEnergy.
-  void couple_targets(const Matrix& U);
+  /// (methods: coupled local step, sec. 4.4). Returns how many kept theirs because it is undefined. Throws UsageError
+  /// unless the energy is a ProjectedEnergy.
+  Index couple_targets(const Matrix& U);
 
   /// Minimizer for the current (E, c): |V| x d. Factorizes when needed; a least-squares backend gets the stacked form.
   /// Throws SolverError as LinearBackend does.
@@ -86,6 +87,7 @@ class Problem {
   const ProblemTimes& times() const { return times_; }
 
  private:
+  friend class LinearizedProblem;  // its phases count, too
   // The norm of the energy's term: W_n, or (1-beta) times the plain one when another term is blended in.
   std::unique_ptr<Norm> residual_norm(bool blended) const;
   std::optional<Term> own_regularizer() const;
@@ -128,7 +130,7 @@ class ProblemObjective final : public Objective {
   EnergyValue value_at_targets(const Matrix& U) override { return problem_.value(U); }
   double length_scale() const override { return problem_.domain().diameter(); }
 
-  /// Sites that kept their target, summed over the states that value() was asked for.
+  /// Sites that kept their target, summed over the states that value() was asked for and the coupled steps.
   Index undefined_targets() const { return undefined_targets_; }
 
  private:

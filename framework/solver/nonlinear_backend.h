@@ -23,9 +23,8 @@ struct EnergyValue {
 
 /// Where a linearization of the residual sends a state.
 struct Direction {
-  Matrix step;            ///< |V| x d, zero at hard constraints
-  double slope = 0.0;     ///< derivative of the objective along the step
-  double gradient = 0.0;  ///< largest entry of its gradient at the unknowns that are free
+  Matrix step;         ///< |V| x d, zero at hard constraints
+  double slope = 0.0;  ///< derivative of the objective along the step
 };
 
 /// What a nonlinear backend minimizes over U (|V| x d). Backends ask for what they need; an objective that does not

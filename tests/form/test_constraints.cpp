@@ -340,5 +340,24 @@ TEST(ConstraintRank, IsPerComponent) {
   EXPECT_THAT(message_of([&] { Problem(domain, *energy, {}, first); }), HasSubstr("component 1 of 2 (with cell 2)"));
 }
 
+TEST(ClosestFeasible, SatisfiesAllHardConstraintsAndMovesNoMoreThanNeeded) {
+  Constraints constraints(6, 2);
+  constraints.fix(0, Eigen::RowVector2d(5.0, 6.0));
+  constraints.identify(1, 2);
+  constraints.identify(2, 1);  // says the same twice
+  constraints.identify(3, 0);
+  constraints.combine({4, 5}, {0.25, 0.75}, Eigen::RowVector2d(1.0, 1.0));
+  const Matrix U{{1, 1}, {0, 0}, {2, 4}, {9, 9}, {0, 0}, {0, 0}};
+  const Matrix result = closest_feasible(constraints, U);
+  // The middle of two vertices; the fixed value; the foot of the perpendicular on a plane, w / |w|^2.
+  const Matrix expected{{5, 6}, {1, 2}, {1, 2}, {5, 6}, {0.4, 0.4}, {1.2, 1.2}};
+  EXPECT_LT((result - expected).cwiseAbs().maxCoeff(), 1e-12);
+  EXPECT_LT((closest_feasible(constraints, result) - result).cwiseAbs().maxCoeff(), 1e-14);
+  Constraints contradiction(2, 2);
+  contradiction.combine({0}, {1.0}, Eigen::RowVector2d(0.0, 0.0));
+  contradiction.combine({0}, {2.0}, Eigen::RowVector2d(1.0, 0.0));
+  EXPECT_THROW(closest_feasible(contradiction, Matrix::Zero(2, 2)), SolverError);
+}
+
 }  // namespace
 }  // namespace variform

@@ -133,5 +133,57 @@ TEST(BetaSearch, LCurveOfALinearEnergyIsMonotoneAndHasACorner) {
   EXPECT_EQ(number(corner, "analyses"), 1.0);
 }
 
+// At rest all energies are rounding: no corner may be read from that.
+TEST(BetaSearch, LCurveOfRoundingHasNoCorner) {
+  for (const std::string energy : {"larap", "arap"}) {
+    const PointResult still =
+        run({"energy.type=" + energy, "norm.auto.method=l_curve", "constraint[1].move=[0.0, 0.0]"});
+    EXPECT_EQ(number(still, "beta_found"), 0.0) << energy;
+    EXPECT_EQ(number(still, "beta"), 0.0) << energy;
+    ASSERT_FALSE(still.warnings.empty());
+    EXPECT_THAT(still.warnings.front(), HasSubstr("no corner"));
+  }
+}
+
+TEST(BetaSearch, SaysWhichTrialsEndedAtTheIterationLimit) {
+  const PointResult limited = run({"energy.type=arap", "solver.max_iterations=3"});
+  EXPECT_THAT(limited.warnings, ::testing::Contains(HasSubstr("runs ended at the iteration limit")));
+  EXPECT_THAT(limited.trials.front().metrics, ::testing::Contains("converged"));
+}
+
+// The alternation would turn the map about its only pin for ever.
+TEST(Parametrize, ConvergesWithTheDefaultPinAndBackend) {
+  const Config config = Config::parse(R"(
+[domain]
+generator = "sphere"
+h = 0.3
+[domain.cut]
+to_disk = true
+[parametrization]
+initial = "tutte"
+[energy]
+type = "arap_parametrization"
+[norm]
+beta = 0.3
+)",
+                                      "sphere.toml", ".");
+  const PointResult result = pipelines().find("parametrize").run(config);
+  EXPECT_EQ(number(result, "converged"), 1.0);
+  EXPECT_EQ(number(result, "flipped"), 0.0);
+  EXPECT_EQ(to_text(*result.metrics.find("nonlinear")), "gauss_newton");
+}
+
+// Identified vertices and linear equalities hold from the start on, whatever the start.
+TEST(Deform, GaussNewtonStartsFeasibleUnderEveryKindOfConstraint) {
+  for (const std::string start : {"rest", "larap"}) {
+    const PointResult result =
+        run({"norm.beta=0.2", "energy.type=arap", "solver.nonlinear=gauss_newton", "solver.linear=eigen.lu",
+             "solver.start=" + start, "constraint[1]={ kind = \"identify\", vertices = [40, 60] }",
+             "constraint[0].select={ box = [0.0, 0.0, 0.0, 1.0] }"});
+    EXPECT_EQ(number(result, "converged"), 1.0) << start;
+    EXPECT_LT((result.mesh.positions.row(40) - result.mesh.positions.row(60)).norm(), 1e-10) << start;
+  }
+}
+
 }  // namespace
 }  // namespace variform
