@@ -65,34 +65,42 @@ void Domain::build_connectivity() {
   // A half facet is facet i of cell t, numbered t (m+1) + i.
   const int corners = m_ + 1;
   const Index half_count = cell_count() * corners;
-  const auto facet_vertex = [this, corners](Index half, int k) {
-    const int i = half % corners;
-    return cells_(half / corners, m_ == 2 ? kTriangleFacets[i][k] : kTetrahedronFacets[i][k]);
+  const auto facet_vertex = [this](Index t, int i, int k) {
+    return cells_(t, m_ == 2 ? kTriangleFacets[i][k] : kTetrahedronFacets[i][k]);
+  };
+  const auto for_each_half = [&](const auto& visit) {
+    Index half = 0;
+    for (Index t = 0; t < cell_count(); ++t) {
+      for (int i = 0; i < corners; ++i) visit(half++, t, i);
+    }
   };
   // Half facets at their smallest vertices, few at each, by their other vertices: those of one facet are neighbours.
   struct HalfFacet {
-    std::array<Index, 2> others;  // sorted; the first is -1 for edges
+    std::array<Index, 2> others;  // sorted; the second is -1 for edges
     Index half;
 
     bool operator<(const HalfFacet& b) const { return std::tie(others, half) < std::tie(b.others, b.half); }
   };
-  const auto sorted_vertices = [&](Index half) {
-    std::array<Index, 3> vertices = {-1, -1, -1};
-    for (int k = 0; k < m_; ++k) vertices[3 - m_ + k] = facet_vertex(half, k);
-    std::sort(vertices.begin() + (3 - m_), vertices.end());
-    if (m_ == 2) std::swap(vertices[0], vertices[1]);
-    return vertices;
+  const auto sorted_vertices = [&](Index t, int i) {
+    std::array<Index, 3> v = {facet_vertex(t, i, 0), facet_vertex(t, i, 1), -1};
+    if (v[0] > v[1]) std::swap(v[0], v[1]);
+    if (m_ == 3) {
+      v[2] = facet_vertex(t, i, 2);
+      if (v[1] > v[2]) std::swap(v[1], v[2]);
+      if (v[0] > v[1]) std::swap(v[0], v[1]);
+    }
+    return v;
   };
   std::vector<Index> offsets(static_cast<std::size_t>(vertex_count()) + 1, 0);
-  for (Index half = 0; half < half_count; ++half) ++offsets[sorted_vertices(half)[0] + 1];
+  for_each_half([&](Index, Index t, int i) { ++offsets[sorted_vertices(t, i)[0] + 1]; });
   std::partial_sum(offsets.begin(), offsets.end(), offsets.begin());
   std::vector<HalfFacet> halves(static_cast<std::size_t>(half_count));
   {
     std::vector<Index> next(offsets.begin(), offsets.end() - 1);
-    for (Index half = 0; half < half_count; ++half) {
-      const std::array<Index, 3> vertices = sorted_vertices(half);
-      halves[next[vertices[0]]++] = {{vertices[1], vertices[2]}, half};
-    }
+    for_each_half([&](Index half, Index t, int i) {
+      const std::array<Index, 3> v = sorted_vertices(t, i);
+      halves[next[v[0]]++] = {{v[1], v[2]}, half};
+    });
   }
   std::vector<Index> twins(static_cast<std::size_t>(half_count), -1);
   parallel_for(vertex_count(), [&](Index v) {
@@ -116,21 +124,21 @@ void Domain::build_connectivity() {
   boundary_vertices_.assign(vertex_count(), false);
   Index facet = 0;
   Index boundary = 0;
-  for (Index half = 0; half < half_count; ++half) {
+  for_each_half([&](Index half, Index t, int i) {
     if (twins[half] > half) {
-      facet_cells_(facet, 0) = half / corners;
+      facet_cells_(facet, 0) = t;
       facet_cells_(facet, 1) = twins[half] / corners;
-      for (int k = 0; k < m_; ++k) facet_vertices_(facet, k) = facet_vertex(half, k);
+      for (int k = 0; k < m_; ++k) facet_vertices_(facet, k) = facet_vertex(t, i, k);
       ++facet;
     } else if (twins[half] < 0) {
-      boundary_cells_[boundary] = half / corners;
+      boundary_cells_[boundary] = t;
       for (int k = 0; k < m_; ++k) {
-        boundary_facets_(boundary, k) = facet_vertex(half, k);
+        boundary_facets_(boundary, k) = facet_vertex(t, i, k);
         boundary_vertices_[boundary_facets_(boundary, k)] = true;
       }
       ++boundary;
     }
-  }
+  });
 }
 
 void Domain::build_components() {

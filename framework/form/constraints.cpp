@@ -144,19 +144,21 @@ Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int 
   const int copies = unknowns_ == 1 ? 1 : constraints.dimension();
   multiplier_count_ = static_cast<Index>(constraints.equalities().size()) * copies;
 
-  // Pattern of K.
+  // Pattern of K. Without identified vertices and multipliers it is that of H, rows and columns of fixed unknowns left
+  // out.
   const Index size = free_count_ + multiplier_count_;
+  const bool submatrix = constraints.identified().empty() && multiplier_count_ == 0;
   std::vector<Eigen::Triplet<double, Index>> triplets;
-  triplets.reserve(static_cast<std::size_t>(H.nonZeros()) + size);
   const auto placed = [&](Index row, Index column) { return std::pair(std::max(row, column), std::min(row, column)); };
-  for (Index j = 0; j < unknown_count_; ++j) {
+  if (!submatrix) triplets.reserve(static_cast<std::size_t>(H.nonZeros()) + size);
+  for (Index j = 0; j < unknown_count_ && !submatrix; ++j) {
     for (SparseMatrix::InnerIterator it(H, j); it; ++it) {
       if (target_[it.row()] < 0 || target_[j] < 0) continue;
       const auto [row, column] = placed(target_[it.row()], target_[j]);
       triplets.emplace_back(row, column, 0.0);
     }
   }
-  for (Index y = 0; y < size; ++y) triplets.emplace_back(y, y, 0.0);
+  for (Index y = 0; y < size && !submatrix; ++y) triplets.emplace_back(y, y, 0.0);
   struct Multiplier {
     Index row, column;
     double value;
@@ -180,8 +182,24 @@ Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int 
   }
   for (const Multiplier& m : multipliers) triplets.emplace_back(m.row, m.column, 0.0);
   matrix_.resize(size, size);
-  matrix_.setFromTriplets(triplets.begin(), triplets.end());
-  matrix_.makeCompressed();
+  if (submatrix) {
+    std::vector<Index> rows;
+    rows.reserve(static_cast<std::size_t>(H.nonZeros()));
+    for (Index j = 0; j < unknown_count_; ++j) {
+      if (target_[j] < 0) continue;
+      matrix_.outerIndexPtr()[target_[j]] = static_cast<Index>(rows.size());
+      for (SparseMatrix::InnerIterator it(H, j); it; ++it) {
+        if (target_[it.row()] >= 0) rows.push_back(target_[it.row()]);
+      }
+    }
+    matrix_.outerIndexPtr()[size] = static_cast<Index>(rows.size());
+    matrix_.resizeNonZeros(static_cast<Index>(rows.size()));
+    std::copy(rows.begin(), rows.end(), matrix_.innerIndexPtr());
+    std::fill_n(matrix_.valuePtr(), rows.size(), 0.0);
+  } else {
+    matrix_.setFromTriplets(triplets.begin(), triplets.end());
+    matrix_.makeCompressed();
+  }
 
   // Mostly the one after the last one asked for.
   auto entry = [&, next = Index{0}](Index row, Index column) mutable {
@@ -388,8 +406,15 @@ void check_constraint_rank(const Domain& domain, const Constraints& constraints,
                            int unknowns) {
   const Eigen::Index motions = kernel.cols();
   if (motions == 0) return;
-  const auto components_of = components_of_vertices(domain);
   const auto at = [&](Index vertex) { return kernel.middleRows(vertex * unknowns, unknowns); };
+  if (domain.component_count() == 1) {
+    RowSpace held(motions);
+    for (const auto* values : {&constraints.fixed(), &constraints.soft()}) {
+      for (const auto& value : *values) held.add(at(value.vertex));
+    }
+    if (held.rank() == motions) return;
+  }
+  const auto components_of = components_of_vertices(domain);
 
   // What hard and soft constraints hold of each component on its own.
   std::vector<RowSpace> own(domain.component_count(), RowSpace(motions));

@@ -116,17 +116,16 @@ bool closest_orthonormal_rows(const Matrix23& F, Matrix23& R, Matrix66* derivati
   const Eigen::Vector3d second = F.row(1).transpose();
   const double delta = first.cross(second).norm();
   const double trace = S.trace();
-  if (!(delta > kNotUnique * trace)) return false;
   const double scale = std::sqrt(trace + 2.0 * delta);
-  const Eigen::Matrix2d P = (S + delta * Eigen::Matrix2d::Identity()) / scale;
-  const double determinant = delta;  // det P
-  Eigen::Matrix2d adjugate;
-  adjugate << P(1, 1), -P(0, 1), -P(1, 0), P(0, 0);
-  R.noalias() = (1.0 / determinant) * adjugate * F;
+  if (!(delta > kNotUnique * trace && scale * delta > 1e-300)) return false;
+  // P = (S + delta I) / scale with det P = delta.
+  Eigen::Matrix2d adjugate;  // of scale P
+  adjugate << S(1, 1) + delta, -S(0, 1), -S(1, 0), S(0, 0) + delta;
+  R.noalias() = (1.0 / (scale * delta)) * adjugate * F;
   if (derivative != nullptr) {
     // With F = P R: dR = w [0 -1; 1 0] R + P^-1 dF (I - R'R), tr(P) w = (dF R')_21 - (dF R')_12.
-    const double largest = P.trace();
-    const Eigen::Matrix2d inverse = adjugate / std::max(determinant, kClamp * largest * largest);
+    const double largest = scale;  // trace of P
+    const Eigen::Matrix2d inverse = adjugate / (scale * std::max(delta, kClamp * largest * largest));
     const Eigen::Matrix3d normal = Eigen::Matrix3d::Identity() - R.transpose() * R;
     Matrix23 turned;
     turned.row(0) = -R.row(1);

@@ -2,6 +2,10 @@
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+
 #include "framework/operators/rotation.h"
 
 namespace variform {
@@ -62,6 +66,32 @@ TEST(ClosestRotation, InSpaceIsARotationAndNoOtherIsCloser) {
     const Eigen::Vector3d s = F.jacobiSvd().singularValues();
     if (s[1] + (F.determinant() < 0.0 ? -s[2] : s[2]) < 0.05) continue;
     expect_derivative_of_differences(F, [](const auto& A, auto& B, auto* D) { return closest_rotation(A, B, D); });
+  }
+}
+
+// Without the derivative well-conditioned matrices take a shorter way than the singular value decomposition.
+TEST(ClosestRotation, InSpaceIsTheSameWithAndWithoutItsDerivative) {
+  std::srand(4);
+  for (int sample = 0; sample < 2000; ++sample) {
+    // Rotations near and far, stretched by up to 1e6 in ratio, of any size.
+    const Eigen::Matrix3d Q = Eigen::Quaterniond::UnitRandom().toRotationMatrix();
+    const Eigen::Matrix3d V = Eigen::Quaterniond::UnitRandom().toRotationMatrix();
+    const double spread = sample % 7;
+    const Eigen::Vector3d sigma = (spread * 2.3 * Eigen::Array3d::Random()).exp();
+    const double size = std::pow(10.0, sample % 5 * 60 - 120);
+    const Eigen::Matrix3d F = size * Q * V * sigma.asDiagonal() * V.transpose();
+    Eigen::Matrix3d direct;
+    Eigen::Matrix3d by_svd;
+    Matrix99 D;
+    ASSERT_TRUE(closest_rotation(F, by_svd, &D));
+    ASSERT_TRUE(closest_rotation(F, direct));
+    // The two smallest singular values say how well it is determined.
+    std::array<double, 3> sorted = {sigma[0], sigma[1], sigma[2]};
+    std::sort(sorted.begin(), sorted.end());
+    EXPECT_LT((direct - by_svd).norm(), 2e-15 * (10.0 + sorted[2] / (sorted[0] + sorted[1]))) << F;
+    if (spread <= 1) {
+      EXPECT_LT((direct - by_svd).norm(), 1e-12) << F;
+    }
   }
 }
 
