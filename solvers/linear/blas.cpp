@@ -24,9 +24,10 @@ namespace variform {
 
 namespace {
 
-/// A function that only OpenBLAS has, looked up at run time so that any BLAS can be linked; null if it is not there.
+/// A function that only OpenBLAS or OpenMP has, looked up at run time so that any BLAS can be linked; null if it is not
+/// there.
 template <class Function>
-Function* openblas_function(const char* name) {
+Function* runtime_function(const char* name) {
   return reinterpret_cast<Function*>(dlsym(RTLD_DEFAULT, name));
 }
 
@@ -67,9 +68,9 @@ bool contains_word(const std::string& text, std::string_view word) {
 
 BlasInfo probe_blas() {
   BlasInfo info;
-  auto* config = openblas_function<char*()>("openblas_get_config");
-  auto* core = openblas_function<char*()>("openblas_get_corename");
-  auto* threads = openblas_function<int()>("openblas_get_num_threads");
+  auto* config = runtime_function<char*()>("openblas_get_config");
+  auto* core = runtime_function<char*()>("openblas_get_corename");
+  auto* threads = runtime_function<int()>("openblas_get_num_threads");
   info.implementation = config != nullptr ? config() : path_of_dgemm();
   info.core = core != nullptr ? core() : "unknown";
   if (threads != nullptr) info.threads = threads();
@@ -78,7 +79,10 @@ BlasInfo probe_blas() {
 }
 
 void set_blas_threads(int threads) {
-  if (auto* set = openblas_function<void(int)>("openblas_set_num_threads")) set(std::max(threads, 1));
+  if (auto* set = runtime_function<void(int)>("openblas_set_num_threads")) set(std::max(threads, 1));
+  // OpenMP is not linked here, but comes with CHOLMOD; without active levels every region has one thread.
+  constexpr int kAnyLevels = 1 << 20;
+  if (auto* set = runtime_function<void(int)>("omp_set_max_active_levels")) set(threads <= 1 ? 0 : kAnyLevels);
 }
 
 std::string blas_core_advice(const BlasInfo& info) {

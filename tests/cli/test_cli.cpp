@@ -1095,7 +1095,7 @@ const std::vector<BadInput> kBadInputs = {
          "norm={ beta = 0.2, auto = { untill = \"flipped == 0\" } }"),
     with("AutoWithoutComparison", 2, "key 'norm.auto.until': condition 'flipped': 'flipped' is no comparison",
          "norm={ beta = \"auto\", auto = { until = \"flipped\" } }"),
-    with("AutoOnNoMetric", 2, "condition 'flips == 0': rows have no key 'flips'",
+    with("AutoOnNoMetric", 2, "key 'norm.auto.until': no row will have 'flips'.*flipped",
          "norm={ beta = \"auto\", auto = { until = \"flips == 0\" } }"),
     with("UnknownMethodOfAuto", 2, "key 'norm.auto.method': .*\"golden\": expected one of smallest, l_curve",
          "norm={ beta = \"auto\", auto = { method = \"golden\" } }"),
