@@ -382,7 +382,8 @@ move = [0.2, 0.1, 0.4]
   const Result result = run_study();
   ASSERT_EQ(result.code, 0) << result.err;
   const SurfaceFile rest = read_surface(kTent);
-  for (const auto& row : record()["rows"]) {
+  const nlohmann::json rows = record()["rows"];
+  for (const auto& row : rows) {
     EXPECT_EQ(row["converged"], true);
     const SurfaceFile deformed = read_surface(content_of(at("out") / row["mesh"].get<std::string>()));
     ASSERT_EQ(deformed.triangles, rest.triangles);
@@ -429,7 +430,8 @@ positions = [[1.2, 0], [-1, 0.1], [0.4, 0.3]]
   ASSERT_EQ(result.code, 0) << result.err;
   const SurfaceFile rest = read_surface(kTent);
   const std::map<int, Eigen::Vector2d> pins = {{1, {1.2, 0.0}}, {4, {-1.0, 0.1}}, {0, {0.4, 0.3}}};
-  for (const auto& row : record()["rows"]) {
+  const nlohmann::json rows = record()["rows"];
+  for (const auto& row : rows) {
     SCOPED_TRACE(row["energy.type"]);
     const bool conformal = row["energy.type"] == "lscm";
     const SurfaceFile mapped = read_surface(content_of(at("out") / row["mesh"].get<std::string>()));
@@ -516,7 +518,8 @@ velocity = [0.5, 1.0]
   const Result result = run_study();
   ASSERT_EQ(result.code, 0) << result.err;
   const ObjMesh rest = read_obj(kMesh);
-  for (const auto& row : record()["rows"]) {
+  const nlohmann::json rows = record()["rows"];
+  for (const auto& row : rows) {
     const ObjMesh moved = read_obj(content_of(at("out") / row["mesh"].get<std::string>()));
     double energy = 0.0;
     double speed = 0.0;
@@ -542,7 +545,8 @@ velocity = [0.5, 1.0]
                                   "constraint=[{ kind = \"hard\", vertices = [1, 3, 4], velocity = "
                                   "{ translate = [0.5, 0.0], rotate = 90, about = [1.0, 1.0] } }]"});
   ASSERT_EQ(rigid.code, 0) << rigid.err;
-  for (const auto& row : record()["rows"]) {
+  const nlohmann::json rows = record()["rows"];
+  for (const auto& row : rows) {
     EXPECT_LT(row["energy"], 1e-25);
     // At (2, 2) and (0, 2), say: pi/2 times the distance sqrt(2), and the translation, at its fastest corner.
     const double omega = std::acos(-1.0) / 2.0;
