@@ -545,8 +545,8 @@ velocity = [0.5, 1.0]
                                   "constraint=[{ kind = \"hard\", vertices = [1, 3, 4], velocity = "
                                   "{ translate = [0.5, 0.0], rotate = 90, about = [1.0, 1.0] } }]"});
   ASSERT_EQ(rigid.code, 0) << rigid.err;
-  const nlohmann::json rows = record()["rows"];
-  for (const auto& row : rows) {
+  const nlohmann::json again = record()["rows"];
+  for (const auto& row : again) {
     EXPECT_LT(row["energy"], 1e-25);
     // At (2, 2) and (0, 2), say: pi/2 times the distance sqrt(2), and the translation, at its fastest corner.
     const double omega = std::acos(-1.0) / 2.0;
