@@ -4,6 +4,10 @@
 #ifdef VARIFORM_WITH_SUITESPARSE
 #include <fmt/format.h>
 
+#include <array>
+#include <string>
+
+#include "framework/base/parallel.h"
 #include "solvers/linear/suitesparse.h"
 #endif
 
@@ -33,10 +37,7 @@ class CholmodBackend final : public LinearBackend {
     common_->supernodal = method == CholmodMethod::supernodal ? CHOLMOD_SUPERNODAL : CHOLMOD_SIMPLICIAL;
   }
 
-  ~CholmodBackend() override {
-    free_factor();
-    for (cholmod_dense** work : {&X_, &Y_, &E_}) cholmod_free_dense(work, common_.get());
-  }
+  ~CholmodBackend() override { free_factor(); }
 
   LinearCapabilities capabilities() const override { return kCapabilities; }
 
@@ -84,26 +85,52 @@ class CholmodBackend final : public LinearBackend {
 
   int unknown(std::size_t k) const { return static_cast<const int*>(factor_->Perm)[k]; }
 
+  // Right-hand sides in two halves at a time: a few columns are bound by one core, not by memory. The halves do not
+  // depend on the number of threads, so neither do the bits of the solution.
   Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override {
-    cholmod_dense right = cholmod_view(B);
-    cholmod_solve2(CHOLMOD_A, factor_, &right, nullptr, &X_, nullptr, &Y_, &E_, common_.get());
-    check("solve");
-    return eigen_view(*X_);
+    const Eigen::Index split = (B.cols() + 1) / 2;
+    Eigen::MatrixXd X(B.rows(), B.cols());
+    std::array<std::string, 2> errors;
+    const auto solve_half = [&](int half) {
+      const Eigen::Index from = half == 0 ? 0 : split;
+      const Eigen::Index count = half == 0 ? split : B.cols() - split;
+      if (count == 0) return;
+      SolveSpace& space = spaces_[half];
+      cholmod_dense right = cholmod_view(B, from, count);
+      cholmod_solve2(CHOLMOD_A, factor_, &right, nullptr, &space.X, nullptr, &space.Y, &space.E, space.common.get());
+      errors[half] = space.common.error();
+      if (errors[half].empty()) X.middleCols(from, count) = eigen_view(*space.X);
+    };
+    parallel_for(
+        2, [&](Index half) { solve_half(half); }, 1);
+    for (const std::string& error : errors) refuse("solve", error);
+    return X;
   }
 
   void check(const char* phase) {
     mutable_report().peak_memory = static_cast<double>(common_->memory_usage);
-    if (const std::string error = common_.error(); !error.empty()) {
-      fail(fmt::format("CHOLMOD {} of the {} x {} matrix: {}", phase, matrix().rows(), matrix().cols(), error));
-    }
+    refuse(phase, common_.error());
   }
+
+  void refuse(const char* phase, const std::string& error) const {
+    if (error.empty()) return;
+    fail(fmt::format("CHOLMOD {} of the {} x {} matrix: {}", phase, matrix().rows(), matrix().cols(), error));
+  }
+
+  // Solution and workspaces of one half, kept between solves.
+  struct SolveSpace {
+    ~SolveSpace() {
+      for (cholmod_dense** work : {&X, &Y, &E}) cholmod_free_dense(work, common.get());
+    }
+    CholmodCommon<int> common;
+    cholmod_dense* X = nullptr;
+    cholmod_dense* Y = nullptr;
+    cholmod_dense* E = nullptr;
+  };
 
   CholmodCommon<int> common_;
   cholmod_factor* factor_ = nullptr;
-  // Solution and workspaces, kept between solves.
-  cholmod_dense* X_ = nullptr;
-  cholmod_dense* Y_ = nullptr;
-  cholmod_dense* E_ = nullptr;
+  std::array<SolveSpace, 2> spaces_;
 };
 
 #endif

@@ -78,17 +78,20 @@ cholmod_sparse cholmod_view(const SparseMatrix& A, const Integer* column_pointer
   return view;
 }
 
-inline cholmod_dense cholmod_view(const Eigen::MatrixXd& B) {
+/// Columns [from, from + count) of a matrix.
+inline cholmod_dense cholmod_view(const Eigen::MatrixXd& B, Eigen::Index from, Eigen::Index count) {
   cholmod_dense view{};
   view.nrow = static_cast<std::size_t>(B.rows());
-  view.ncol = static_cast<std::size_t>(B.cols());
-  view.nzmax = static_cast<std::size_t>(B.size());
+  view.ncol = static_cast<std::size_t>(count);
+  view.nzmax = static_cast<std::size_t>(B.rows() * count);
   view.d = view.nrow;
-  view.x = const_cast<double*>(B.data());
+  view.x = const_cast<double*>(B.data() + from * B.rows());
   view.xtype = CHOLMOD_REAL;
   view.dtype = CHOLMOD_DOUBLE;
   return view;
 }
+
+inline cholmod_dense cholmod_view(const Eigen::MatrixXd& B) { return cholmod_view(B, 0, B.cols()); }
 
 inline Eigen::Map<const Eigen::MatrixXd> eigen_view(const cholmod_dense& B) {
   return {static_cast<const double*>(B.x), static_cast<Eigen::Index>(B.nrow), static_cast<Eigen::Index>(B.ncol)};
