@@ -130,10 +130,11 @@ PointResult run(const Config& config) {
     row.set("displacement", (U - initial).cwiseAbs().maxCoeff() / domain.diameter());
     row.set("boundary_crossings", static_cast<std::int64_t>(boundary_crossings(domain, U)));
   };
+  Matrix start;
   if (!linear) {
-    const Matrix start = solver.start == "initial" ? initial : named_map(solver.start, domain, map);
+    start = solver.start == "initial" ? initial : named_map(solver.start, domain, map);
     result.metrics.set("start_flipped", static_cast<std::int64_t>(distortion(domain, start).flipped.size()));
-    study.start = [start](double) { return start; };
+    study.start = [&](double) { return start; };
   }
   Vector local;
   const Matrix U = run_study(study, result, local);

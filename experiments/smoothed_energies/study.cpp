@@ -286,7 +286,7 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
       trials = l_curve(corner, at);
       keep(at(trials->found ? trials->value : 0.0));
       if (!trials->found) {
-        result.warnings.push_back("the L-curve has no corner; this is the result without regularization");
+        result.warnings.emplace_back("the L-curve has no corner; this is the result without regularization");
       }
     } else {
       const Condition& until = search.threshold.until;

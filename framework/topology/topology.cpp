@@ -278,7 +278,7 @@ std::vector<Topology> component_topologies(const Domain& domain) {
   std::vector<std::pair<Index, Index>> places;  // (component, vertex) of each fan
   std::vector<Index> fan_count(parts.size(), 0);
   for (std::size_t fan = 0; fan < fans.vertex.size(); ++fan) {
-    places.push_back({component_of_fan[fan], fans.vertex[fan]});
+    places.emplace_back(component_of_fan[fan], fans.vertex[fan]);
     ++fan_count[component_of_fan[fan]];
   }
   std::sort(places.begin(), places.end());
@@ -409,7 +409,7 @@ CutMesh cut_along_edges(const Mesh& mesh, const std::vector<Edge>& cuts) {
   std::iota(result.vertex_origin.begin(), result.vertex_origin.end(), 0);
   std::vector<std::pair<Index, Index>> places;  // (vertex, fan) where vertices may be copied
   for (std::size_t fan = 0; fan < fans.vertex.size(); ++fan) {
-    if (is_end[fans.vertex[fan]]) places.push_back({fans.vertex[fan], static_cast<Index>(fan)});
+    if (is_end[fans.vertex[fan]]) places.emplace_back(fans.vertex[fan], static_cast<Index>(fan));
   }
   std::sort(places.begin(), places.end());
   std::vector<Index> number = fans.vertex;
