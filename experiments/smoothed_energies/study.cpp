@@ -310,7 +310,11 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
     beta = answer_beta;
     measured = answer_row;
   }
-  if (!outcome.converged) result.warnings.push_back("not converged: " + outcome.reason);
+  if (!outcome.converged) {
+    const bool other = study.solver.nonlinear->report().backend != "gauss_newton";
+    result.warnings.push_back(fmt::format("not converged: {}; see solver.max_iterations{}", outcome.reason,
+                                          other ? ", or try solver.nonlinear = \"gauss_newton\"" : ""));
+  }
   result.history = outcome.history;
 
   Row& row = result.metrics;

@@ -74,6 +74,9 @@ const Frame& frame_of(const ConfigNode& node, const Frame& place, const Frame& i
   return in_image ? image : place;
 }
 
+// A point that is farther from the mesh, by its diameter, is a mistake.
+constexpr double kFarAway = 0.5;
+
 Index nearest_vertex(const Frame& frame, const Eigen::RowVectorXd& point) {
   Index best = 0;
   (frame.points().rowwise() - point).rowwise().squaredNorm().minCoeff(&best);
@@ -90,9 +93,17 @@ std::vector<Index> selected(const ConfigNode& node, const Domain& domain, const 
       if (inside(v)) vertices.push_back(v);
     }
   };
-  const auto nearest = [&](const ConfigNode& point) {
-    const Frame& frame = frame_of(point, place, image, 1, 0);
-    vertices.push_back(nearest_vertex(frame, frame.point(point)));
+  const auto nearest = [&](const ConfigNode& node_of_point) {
+    const Frame& frame = frame_of(node_of_point, place, image, 1, 0);
+    const Eigen::RowVectorXd point = frame.point(node_of_point);
+    const Index v = nearest_vertex(frame, point);
+    const double distance = (frame.points().row(v) - point).norm();
+    if (distance > kFarAway * frame.diameter()) {
+      data_error(node_of_point,
+                 fmt::format("the nearest vertex, {}, is {:.3g} away, and the {} only {:.3g} across", v, distance,
+                             &frame == &image && &frame != &place ? "map is" : "mesh is", frame.diameter()));
+    }
+    vertices.push_back(v);
   };
   if (how.name() == "near") {
     nearest(how);
@@ -179,7 +190,9 @@ Matrix targets(const ConfigNode& node, const Frame& image, const std::vector<Ind
   if (node.has("positions")) {
     const std::vector<ConfigNode> points = node.at("positions").elements();
     if (points.size() != vertices.size()) {
-      node.at("positions").fail(fmt::format("{} positions for {} vertices", points.size(), vertices.size()));
+      node.at("positions")
+          .fail(fmt::format("{} positions for {} vertices; expected [[x, y], ...], one for each", points.size(),
+                            vertices.size()));
     }
     for (std::size_t i = 0; i < points.size(); ++i) result.row(static_cast<Index>(i)) = image.point(points[i]);
   } else if (node.has("move")) {

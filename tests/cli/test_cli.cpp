@@ -1236,6 +1236,8 @@ const std::vector<BadInput> kBadInputs = {
             kTriangle + "v 5 0 0\nv 6 0 0\nv 5 1 0\nf 4 5 6\n"),
     with("EmptySelection", 3, "select.box': no vertex is selected",
          "constraint=[{ kind = \"hard\", select = { box = [5, 5, 6, 6] } }]"),
+    with("PointFarFromTheMesh", 3, "select.near': the nearest vertex, [0-9]+, is .* away",
+         "constraint=[{ kind = \"hard\", select = { near = [50, 6] } }]"),
     with("EmptyVertices", 2, "key 'constraint.0..vertices': expected at least one", "constraint[0].vertices=[]"),
     {"WrongNumberOfPositions",
      2,
