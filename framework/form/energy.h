@@ -99,8 +99,8 @@ class ProjectedEnergy : public CellEnergy {
   using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, 9, 9>;
 
   /// The admissible target closest to Y, both n x columns. Returns false, leaving c as it is, where it is undefined.
-  /// derivative, unless null: d vec c / d vec Y, (n columns) x (n columns), the limit towards a nearby regular point
-  /// where it is undefined.
+  /// derivative, unless null: d vec c / d vec Y, (n columns) x (n columns), zero where it is undefined (c stays), and
+  /// bounded near there: see rotation.h.
   virtual bool closest_target(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
                               Eigen::Ref<Eigen::MatrixXd> c, SmallMatrix* derivative) const = 0;
 

@@ -67,15 +67,21 @@ void Problem::set_beta(double beta) {
   times_.declare += watch.seconds();
 }
 
+namespace {
+
+// W_n where the energy has its residuals, transports included.
+std::unique_ptr<Norm> norm_of(const Domain& domain, const Energy& energy, const EnergyTraits& traits,
+                              const NormOptions& options) {
+  if (traits.support == Support::vertices) return vertex_norm(domain, options);
+  return cell_norm(domain, options, traits.gauge == Gauge::cell_frame ? energy.frames(domain) : Matrix());
+}
+
+}  // namespace
+
 std::unique_ptr<Norm> Problem::residual_norm(bool blended) const {
   NormOptions options = norm_;
   if (blended) options.beta = 0.0;
-  std::unique_ptr<Norm> norm;
-  if (traits_.support == Support::vertices) {
-    norm = vertex_norm(domain_, options);
-  } else {
-    norm = cell_norm(domain_, options, traits_.gauge == Gauge::cell_frame ? energy_.frames(domain_) : Matrix());
-  }
+  std::unique_ptr<Norm> norm = norm_of(domain_, energy_, traits_, options);
   return blended ? scaled_norm(std::move(norm), 1.0 - norm_.beta) : std::move(norm);
 }
 
@@ -229,10 +235,7 @@ const Norm& Problem::half_norm() const {
   if (!half_norm_) {
     NormOptions options = norm_;
     options.beta = 0.5;
-    half_norm_ =
-        traits_.support == Support::vertices
-            ? vertex_norm(domain_, options)
-            : cell_norm(domain_, options, traits_.gauge == Gauge::cell_frame ? energy_.frames(domain_) : Matrix());
+    half_norm_ = norm_of(domain_, energy_, traits_, options);
   }
   return *half_norm_;
 }
