@@ -10,6 +10,7 @@
 #include <numeric>
 
 #include "framework/base/error.h"
+#include "framework/operators/operators.h"
 
 namespace variform {
 namespace {
@@ -30,20 +31,9 @@ Eigen::Vector3d signed_singular_values(const Eigen::Matrix3d& F) {
   return sigma;
 }
 
-// Tangent vectors of triangle t of a surface as rows, counter-clockwise about its normal.
-Eigen::Matrix<double, 2, 3> tangents(const Domain& domain, Index t) {
-  const Eigen::Vector3d n = domain.normals().row(t);
-  const Eigen::Vector3d edge =
-      (domain.positions().row(domain.cells()(t, 1)) - domain.positions().row(domain.cells()(t, 0))).transpose();
-  Eigen::Matrix<double, 2, 3> frame;
-  frame.row(0) = edge.normalized().transpose();
-  frame.row(1) = n.cross(Eigen::Vector3d(frame.row(0).transpose())).transpose();
-  return frame;
-}
-
 // A map of the plane to space, 2 x 3, in a tangent frame of its image: singular values stay, the determinant is the
 // ratio of areas.
-Eigen::Matrix2d in_image_plane(const Eigen::Matrix<double, 2, 3>& F) {
+Eigen::Matrix2d in_image_plane(const SurfaceFrame& F) {
   const Eigen::Vector3d a = F.row(0).transpose();
   const Eigen::Vector3d b = F.row(1).transpose();
   const double length = a.norm();
@@ -113,10 +103,10 @@ CellDistortion cell_distortion(const Domain& domain, const Matrix& U) {
   if (!surface) return cells_of<3>(domain, true, gradient_of_map.operator()<3, 3>());
   if (U.cols() == 2) {
     const auto F = gradient_of_map.operator()<3, 2>();
-    return cells_of<2>(domain, true, [&](Index t) -> Eigen::Matrix2d { return tangents(domain, t) * F(t); });
+    return cells_of<2>(domain, true, [&](Index t) -> Eigen::Matrix2d { return surface_frame(domain, t) * F(t); });
   }
   const auto F = gradient_of_map.operator()<3, 3>();
-  return cells_of<2>(domain, false, [&](Index t) { return in_image_plane(tangents(domain, t) * F(t)); });
+  return cells_of<2>(domain, false, [&](Index t) { return in_image_plane(surface_frame(domain, t) * F(t)); });
 }
 
 Distortion distortion(const Domain& domain, const CellDistortion& cells) {
