@@ -11,6 +11,7 @@
 #include "framework/base/error.h"
 #include "framework/base/parallel.h"
 #include "framework/operators/operators.h"
+#include "framework/operators/rotation.h"
 
 namespace variform {
 namespace {
@@ -259,6 +260,18 @@ std::unique_ptr<VectorFieldEnergy> make_vector_field_energy(const Vector& phi, c
   return std::make_unique<VectorFieldEnergy>(VectorFieldKind::phi, phi, tensors);
 }
 
+namespace {
+
+// Closest rotation; the identity where there is no unique one.
+template <int p>
+Eigen::Matrix<double, p, p> rotation_of(const Eigen::MatrixXd& J) {
+  Eigen::Matrix<double, p, p> Q = Eigen::Matrix<double, p, p>::Identity();
+  closest_rotation(Eigen::Matrix<double, p, p>(J), Q);
+  return Q;
+}
+
+}  // namespace
+
 Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tensors) {
   const int p = domain.ambient_dimension();
   if (domain.kind() == DomainKind::surface || U.rows() != domain.vertex_count() || U.cols() != p ||
@@ -272,10 +285,7 @@ Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tens
   Matrix result(domain.cell_count(), p * p);
   parallel_for(domain.cell_count(), [&](Index t) {
     const Eigen::MatrixXd J = deformation(domain, t, U).transpose();
-    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(J, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    Eigen::MatrixXd V = svd.matrixV();
-    if ((svd.matrixU() * V.transpose()).determinant() < 0.0) V.col(p - 1) *= -1.0;
-    const Eigen::MatrixXd Q = svd.matrixU() * V.transpose();
+    const Eigen::MatrixXd Q = p == 2 ? Eigen::MatrixXd(rotation_of<2>(J)) : Eigen::MatrixXd(rotation_of<3>(J));
     const Eigen::MatrixXd B = Q * tensor_at(tensors, t) * Q.transpose();
     const Eigen::MatrixXd symmetric = 0.5 * (B + B.transpose());
     result.row(t) = Eigen::Map<const Eigen::RowVectorXd>(symmetric.data(), p * p);

@@ -80,7 +80,7 @@ class VectorFieldEnergy final : public CellEnergy {
 std::unique_ptr<VectorFieldEnergy> make_vector_field_energy(const Vector& phi, const Matrix& tensors = {});
 
 /// Tensors carried along by a deformation of the domain to vertex values U (|V| x p): B_t' = Q B_t Q' with the rotation
-/// Q closest to the deformation gradient of the cell. One row per cell.
+/// Q closest to the deformation gradient of the cell, the identity where there is no unique one. One row per cell.
 Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tensors);
 
 }  // namespace variform
