@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // One iteration of local/global alternation, by parts.
 #include "experiments/benchmarks/scene.h"
+#include "framework/form/problem_objective.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
 

@@ -10,6 +10,7 @@
 #include "experiments/benchmarks/plain_eigen.h"
 #include "experiments/benchmarks/scene.h"
 #include "framework/domain/generators.h"
+#include "framework/form/problem_objective.h"
 #include "framework/operators/operators.h"
 #include "framework/operators/rotation.h"
 #include "solvers/linear/linear_backends.h"

@@ -11,6 +11,7 @@
 #include "framework/base/stopwatch.h"
 #include "framework/domain/quality.h"
 #include "framework/experiment/known_keys.h"
+#include "framework/form/problem_objective.h"
 #include "framework/operators/distortion.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"

@@ -8,7 +8,6 @@
 #include "framework/form/assembly.h"
 #include "framework/form/constraints.h"
 #include "framework/form/energy.h"
-#include "framework/form/linearized_problem.h"
 #include "framework/form/norm.h"
 #include "framework/form/thinned_matrix.h"
 #include "framework/solver/linear_backend.h"
@@ -116,28 +115,6 @@ class Problem {
   mutable Matrix residual_;                  // scratch of value()
   mutable std::unique_ptr<Norm> half_norm_;  // W_n at beta = 1/2, see half_norm()
   ProblemTimes times_;
-};
-
-/// A problem whose targets depend on the state, as nonlinear backends see it.
-class ProblemObjective final : public Objective {
- public:
-  ProblemObjective(Problem& problem, LinearBackend& backend) : problem_(problem), backend_(backend) {}
-
-  EnergyValue value(const Matrix& U) override;
-  Matrix local_global_step(const Matrix& U) override;
-  Direction gauss_newton(const Matrix& U, double damping) override;
-  Matrix coupled_step(const Matrix& U) override;
-  EnergyValue value_at_targets(const Matrix& U) override { return problem_.value(U); }
-  double length_scale() const override { return problem_.domain().diameter(); }
-
-  /// Sites that kept their target, summed over the states that value() was asked for and the coupled steps.
-  Index undefined_targets() const { return undefined_targets_; }
-
- private:
-  Problem& problem_;
-  LinearBackend& backend_;
-  std::unique_ptr<LinearizedProblem> linearized_;  // made when first asked for
-  Index undefined_targets_ = 0;
 };
 
 }  // namespace variform

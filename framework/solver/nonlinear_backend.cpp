@@ -5,11 +5,27 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "framework/base/error.h"
 #include "framework/base/stopwatch.h"
 
 namespace variform {
+
+namespace {
+
+[[noreturn]] void offers_none(const char* what) {
+  throw UsageError(fmt::format("this objective offers no {}: choose another nonlinear backend", what));
+}
+
+}  // namespace
+
+Eigen::VectorXd Objective::variables(const Matrix&) { offers_none("variables"); }
+Matrix Objective::state(const Eigen::VectorXd&) { offers_none("variables"); }
+Eigen::VectorXd Objective::gradient(const Matrix&) { offers_none("gradient"); }
+LeastSquares Objective::least_squares(const Matrix&) { offers_none("sum of squares"); }
+Direction Objective::newton(const Matrix&, double) { offers_none("Hessian"); }
+double Objective::longest_step(const Matrix&, const Matrix&) { return std::numeric_limits<double>::infinity(); }
 
 Direction Objective::gauss_newton(const Matrix&, double) {
   throw UsageError("this objective has no linearized residual for Gauss-Newton steps");

@@ -27,13 +27,32 @@ struct Direction {
   double slope = 0.0;  ///< derivative of the objective along the step
 };
 
+/// The objective near a state as a sum of squares: objective() = |residual|^2, and |residual + jacobian dy|^2 is its
+/// Gauss-Newton model in the variables.
+struct LeastSquares {
+  SparseMatrix jacobian;     ///< rows x variables, all entries, compressed
+  Eigen::VectorXd residual;  ///< rows
+};
+
 /// What a nonlinear backend minimizes over U (|V| x d). Backends ask for what they need; an objective that does not
 /// offer it throws UsageError.
+///
+/// Hard constraints leave a state fewer degrees of freedom than it has coordinates: its variables y, a vector, with
+/// U = state(y). Backends of our own step in U and keep the constraints; those that wrap a library minimize over y.
 class Objective {
  public:
   virtual ~Objective() = default;
 
+  /// Infinite total beyond a barrier; backends never step there.
   virtual EnergyValue value(const Matrix& U) = 0;
+
+  /// The variables of a state that satisfies the hard constraints, and the state of given variables.
+  virtual Eigen::VectorXd variables(const Matrix& U);
+  virtual Matrix state(const Eigen::VectorXd& y);
+  /// Derivative of the objective by the variables at U.
+  virtual Eigen::VectorXd gradient(const Matrix& U);
+  /// The objective as a sum of squares at U: the stacked S r and S J of the norm, soft constraints as further rows.
+  virtual LeastSquares least_squares(const Matrix& U);
 
   /// One alternation from U: targets c(U), then the exact minimizer for these targets (constraints satisfied).
   virtual Matrix local_global_step(const Matrix& U) = 0;
@@ -41,6 +60,13 @@ class Objective {
   /// Gauss-Newton direction at U, which satisfies the hard constraints: minimizes ||J d + r||^2_W + damping |d|^2, with
   /// J = dr/du there and damping in units of the mean diagonal entry of J'WJ.
   virtual Direction gauss_newton(const Matrix& U, double damping);
+
+  /// Newton direction at U, which satisfies the hard constraints: minimizes the quadratic model of the objective whose
+  /// Hessian is made positive semi-definite cell by cell, with damping in units of its mean diagonal entry.
+  virtual Direction newton(const Matrix& U, double damping);
+
+  /// Largest multiple of a step from U (finite value) that stays on this side of a barrier; infinite without one.
+  virtual double longest_step(const Matrix& U, const Matrix& step);
 
   /// Alternation on one functional of states and targets, E(U, c) = ||E U - c||^2_W: one sweep over the targets, each
   /// exactly minimal with all others held, then the minimizer over U. Starts from the targets that are current.

@@ -7,7 +7,7 @@
 #include "energies/energies.h"
 #include "framework/base/error.h"
 #include "framework/domain/generators.h"
-#include "framework/form/problem.h"
+#include "framework/form/problem_objective.h"
 #include "framework/operators/operators.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"

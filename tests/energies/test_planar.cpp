@@ -8,7 +8,7 @@
 #include "energies/gradient/poisson.h"
 #include "framework/base/error.h"
 #include "framework/domain/generators.h"
-#include "framework/form/problem.h"
+#include "framework/form/problem_objective.h"
 #include "framework/operators/distortion.h"
 #include "framework/operators/operators.h"
 #include "solvers/linear/linear_backends.h"

@@ -9,7 +9,7 @@
 #include "energies/energies.h"
 #include "framework/base/error.h"
 #include "framework/domain/generators.h"
-#include "framework/form/problem.h"
+#include "framework/form/problem_objective.h"
 #include "solvers/linear/linear_backends.h"
 #include "tests/energies/energy_suite.h"
 #include "tests/form/allocation_count.h"

@@ -8,7 +8,7 @@
 #include "energies/energies.h"
 #include "energies/gradient/poisson.h"
 #include "framework/domain/generators.h"
-#include "framework/form/problem.h"
+#include "framework/form/problem_objective.h"
 #include "framework/operators/operators.h"
 #include "solvers/linear/linear_backends.h"
 #include "tests/energies/energy_suite.h"

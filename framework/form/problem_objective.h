@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <memory>
+
+#include "framework/form/linearized_problem.h"
+#include "framework/form/problem.h"
+#include "framework/solver/nonlinear_backend.h"
+
+namespace variform {
+
+/// A problem whose targets depend on the state, as nonlinear backends see it.
+class ProblemObjective final : public Objective {
+ public:
+  ProblemObjective(Problem& problem, LinearBackend& backend) : problem_(problem), backend_(backend) {}
+
+  EnergyValue value(const Matrix& U) override;
+  Matrix local_global_step(const Matrix& U) override;
+  Direction gauss_newton(const Matrix& U, double damping) override;
+  Matrix coupled_step(const Matrix& U) override;
+  EnergyValue value_at_targets(const Matrix& U) override { return problem_.value(U); }
+  double length_scale() const override { return problem_.domain().diameter(); }
+
+  /// Sites that kept their target, summed over the states that value() was asked for and the coupled steps.
+  Index undefined_targets() const { return undefined_targets_; }
+
+ private:
+  Problem& problem_;
+  LinearBackend& backend_;
+  std::unique_ptr<LinearizedProblem> linearized_;  // made when first asked for
+  Index undefined_targets_ = 0;
+};
+
+}  // namespace variform
