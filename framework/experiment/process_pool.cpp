@@ -284,6 +284,10 @@ class Process {
   ProcessResult result_;
 };
 
+void require_program(const ProcessJob& job) {
+  if (job.command.empty()) throw UsageError("a process needs a program");
+}
+
 }  // namespace
 
 std::string to_string(ProcessOutcome outcome) {
@@ -299,16 +303,20 @@ std::string to_string(ProcessOutcome outcome) {
 }
 
 std::vector<ProcessResult> run_processes(const std::vector<ProcessJob>& jobs, const ProcessPoolOptions& options) {
+  for (const ProcessJob& job : jobs) require_program(job);
+  return run_processes(
+      jobs.size(), [&jobs](std::size_t job) { return jobs[job]; }, options);
+}
+
+std::vector<ProcessResult> run_processes(std::size_t count, const std::function<ProcessJob(std::size_t)>& job,
+                                         const ProcessPoolOptions& options) {
   if (options.jobs < 1) throw UsageError(fmt::format("expected at least one process at a time, got {}", options.jobs));
   const ProcessLimits& limits = options.limits;
   if (!(limits.seconds >= 0.0 && limits.memory_mib >= 0.0)) {
     throw UsageError(
         fmt::format("expected limits of at least 0, got {} s and {} MiB", limits.seconds, limits.memory_mib));
   }
-  for (const ProcessJob& job : jobs) {
-    if (job.command.empty()) throw UsageError("a process needs a program");
-  }
-  std::vector<ProcessResult> results(jobs.size());
+  std::vector<ProcessResult> results(count);
   std::list<Process> running;
   std::size_t next = 0;
   bool going = true;
@@ -317,8 +325,10 @@ std::vector<ProcessResult> run_processes(const std::vector<ProcessJob>& jobs, co
     if (!going) {
       for (Process& process : running) process.end(ProcessOutcome::interrupted);
     }
-    while (going && next < jobs.size() && running.size() < static_cast<std::size_t>(options.jobs)) {
-      running.emplace_back(next, jobs[next], limits);
+    while (going && next < count && running.size() < static_cast<std::size_t>(options.jobs)) {
+      const ProcessJob made = job(next);
+      require_program(made);
+      running.emplace_back(next, made, limits);
       ++next;
     }
     if (running.empty()) break;
@@ -337,7 +347,7 @@ std::vector<ProcessResult> run_processes(const std::vector<ProcessJob>& jobs, co
     }
     if (!any_ended) std::this_thread::sleep_for(kPause);
   }
-  for (; next < jobs.size(); ++next) results[next].reason = "interrupted";
+  for (; next < count; ++next) results[next].reason = "interrupted";
   return results;
 }
 

@@ -71,6 +71,10 @@ struct ProcessPoolOptions {
 /// Throws UsageError for jobs < 1, negative limits and empty commands.
 std::vector<ProcessResult> run_processes(const std::vector<ProcessJob>& jobs, const ProcessPoolOptions& options);
 
+/// The same for `count` jobs, each made when its turn comes.
+std::vector<ProcessResult> run_processes(std::size_t count, const std::function<ProcessJob(std::size_t job)>& job,
+                                         const ProcessPoolOptions& options);
+
 /// Path of the program that runs, to run it again as a ProcessJob: the very file, even if another has taken its place.
 inline constexpr const char* kThisProgram = "/proc/self/exe";
 
