@@ -13,6 +13,7 @@
 #include <string_view>
 
 #include "framework/base/error.h"
+#include "framework/experiment/config_keys.h"
 
 namespace variform {
 namespace {
@@ -168,8 +169,7 @@ bool Condition::holds(const Row& row) const {
 }
 
 Claim read_claim(const ConfigNode& node) {
-  node.accept_keys(
-      {"text", "published", "where", "metric", "is", "quantifier", "relative_to", "minus", "along", "tolerance"});
+  node.accept_keys(config_section("[[claim]]").names());
   Claim claim;
   claim.text = node.at("text").string();
   claim.published = node.string_or("published", "");

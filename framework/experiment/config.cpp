@@ -3,11 +3,13 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
 #include <toml++/toml.h>
 
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <cstdlib>
 #include <fstream>
 #include <new>
 #include <sstream>
@@ -152,6 +154,55 @@ std::vector<PathPart> split_path(const std::string& path) {
     ++i;
   }
   return parts;
+}
+
+using Json = nlohmann::ordered_json;
+
+// [line, kind, content]; numbers as text, for JSON has no NaN and no infinities.
+Json value_json(const ConfigValue& value) {
+  Json json = Json::array({value.line, value.data.index()});
+  if (const auto* table = std::get_if<ConfigValue::Table>(&value.data)) {
+    Json entries = Json::array();
+    for (const auto& [key, entry] : *table) entries.push_back(Json::array({key, value_json(entry)}));
+    json.push_back(entries);
+  } else if (const auto* array = std::get_if<ConfigValue::Array>(&value.data)) {
+    Json entries = Json::array();
+    for (const ConfigValue& entry : *array) entries.push_back(value_json(entry));
+    json.push_back(entries);
+  } else if (const auto* flag = std::get_if<bool>(&value.data)) {
+    json.push_back(*flag);
+  } else if (const auto* integer = std::get_if<std::int64_t>(&value.data)) {
+    json.push_back(*integer);
+  } else if (const auto* number = std::get_if<double>(&value.data)) {
+    json.push_back(fmt::format("{}", *number));
+  } else {
+    json.push_back(std::get<std::string>(value.data));
+  }
+  return json;
+}
+
+ConfigValue value_from(const Json& json) {
+  ConfigValue value;
+  value.line = json.at(0).get<int>();
+  const Json& content = json.at(2);
+  switch (json.at(1).get<std::size_t>()) {
+    case 0: value.data = content.get<bool>(); break;
+    case 1: value.data = content.get<std::int64_t>(); break;
+    case 2: value.data = std::strtod(content.get<std::string>().c_str(), nullptr); break;
+    case 3: value.data = content.get<std::string>(); break;
+    case 4: {
+      ConfigValue::Array array;
+      for (const Json& entry : content) array.push_back(value_from(entry));
+      value.data = std::move(array);
+      break;
+    }
+    default: {
+      ConfigValue::Table table;
+      for (const Json& entry : content) table.emplace_back(entry.at(0).get<std::string>(), value_from(entry.at(1)));
+      value.data = std::move(table);
+    }
+  }
+  return value;
 }
 
 }  // namespace
@@ -430,6 +481,23 @@ std::string Config::text() const {
   std::string out;
   write_table(std::get<ConfigValue::Table>(root_.data), "", out);
   return out;
+}
+
+std::string Config::message() const {
+  return Json{{"file", file_}, {"folder", folder_.string()}, {"root", value_json(root_)}}.dump();
+}
+
+Config Config::from_message(const std::string& message) {
+  try {
+    const Json json = Json::parse(message);
+    Config config;
+    config.file_ = json.at("file").get<std::string>();
+    config.folder_ = json.at("folder").get<std::string>();
+    config.root_ = value_from(json.at("root"));
+    return config;
+  } catch (const Json::exception& error) {
+    throw UsageError(fmt::format("no message of a config: {}", error.what()));
+  }
 }
 
 }  // namespace variform

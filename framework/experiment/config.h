@@ -117,6 +117,12 @@ class Config {
   /// TOML text of the config as it is now.
   std::string text() const;
 
+  /// Everything in one text, lines and file name included, for from_message in another process: errors there read as
+  /// they would here.
+  std::string message() const;
+  /// Throws UsageError for a text that message did not make.
+  static Config from_message(const std::string& message);
+
  private:
   ConfigValue root_;
   std::string file_;

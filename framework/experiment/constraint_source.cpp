@@ -11,6 +11,7 @@
 #include <numbers>
 
 #include "framework/base/error.h"
+#include "framework/experiment/config_keys.h"
 
 namespace variform {
 namespace {
@@ -84,8 +85,9 @@ Index nearest_vertex(const Frame& frame, const Eigen::RowVectorXd& point) {
 }
 
 std::vector<Index> selected(const ConfigNode& node, const Domain& domain, const Frame& place, const Frame& image) {
-  node.accept_keys({"box", "near", "points", "circle", "boundary"});
-  if (node.children().size() != 1) node.fail("expected exactly one of box, near, points, circle, boundary");
+  const std::vector<std::string> ways = config_section("[[constraint]] select").names();
+  node.accept_keys(ways);
+  if (node.children().size() != 1) node.fail(fmt::format("expected exactly one of {}", fmt::join(ways, ", ")));
   const ConfigNode how = node.children().front();
   std::vector<Index> vertices;
   const auto keep_if = [&](const auto& inside) {
@@ -182,8 +184,6 @@ Matrix rows_of(const Matrix& values, const std::vector<Index>& rows) {
   return result;
 }
 
-const std::vector<std::string> kMotionKeys = {"translate", "rotate", "axis", "about", "scale"};
-
 // Where each vertex goes.
 Matrix targets(const ConfigNode& node, const Frame& image, const std::vector<Index>& vertices) {
   Matrix result = rows_of(image.points(), vertices);
@@ -200,7 +200,7 @@ Matrix targets(const ConfigNode& node, const Frame& image, const std::vector<Ind
     if (!move.value().is_table()) {
       result.rowwise() += image.vector(move);
     } else {
-      move.accept_keys(kMotionKeys);
+      move.accept_keys(config_section("[[constraint]] move, velocity").names());
       const Eigen::RowVectorXd about =
           move.has("about") ? image.point(move.at("about")) : Eigen::RowVectorXd(result.colwise().mean());
       const Eigen::MatrixXd Q = move.number_or("scale", 1.0) * rotation(move, image.dimension());
@@ -221,7 +221,7 @@ Matrix velocities(const ConfigNode& node, const Frame& place, const std::vector<
     result.rowwise() += place.vector(velocity);
     return result;
   }
-  velocity.accept_keys(kMotionKeys);
+  velocity.accept_keys(config_section("[[constraint]] move, velocity").names());
   const int d = place.dimension();
   const Eigen::RowVectorXd about =
       velocity.has("about") ? place.point(velocity.at("about")) : Eigen::RowVectorXd(x.colwise().mean());
@@ -235,10 +235,11 @@ Matrix velocities(const ConfigNode& node, const Frame& place, const std::vector<
 
 void check_constraints(const std::vector<ConfigNode>& nodes, bool velocities) {
   for (const ConfigNode& node : nodes) {
-    std::vector<std::string> keys = {"kind", "vertices", "select", "relative", "weight", "weights", "value"};
-    const std::vector<std::string> values =
-        velocities ? std::vector<std::string>{"velocity"} : std::vector<std::string>{"positions", "move"};
-    keys.insert(keys.end(), values.begin(), values.end());
+    std::vector<std::string> values = {"velocity"};
+    std::vector<std::string> others = {"positions", "move"};
+    if (!velocities) std::swap(values, others);
+    std::vector<std::string> keys = config_section("[[constraint]]").names();
+    for (const std::string& other : others) std::erase(keys, other);
     node.accept_keys(keys);
     const std::string kind = node.at("kind").string();
     if (kind != "hard" && kind != "soft" && kind != "identify" && kind != "linear") {

@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "framework/base/error.h"
+
 namespace variform {
 
 void KnownKeys::add(const std::string& source, const std::vector<std::string>& keys) {
@@ -20,7 +22,14 @@ bool KnownKeys::has(const std::string& key) const {
 }
 
 void KnownKeys::require(const ConfigNode& node, const std::string& key) const {
-  if (has(key)) return;
+  if (!has(key)) node.fail(complaint(key, "no row will have"));
+}
+
+void KnownKeys::require(const std::string& key, const std::string& what) const {
+  if (!has(key)) throw UsageError(complaint(key, what));
+}
+
+std::string KnownKeys::complaint(const std::string& key, const std::string& what) const {
   std::string nearest;
   std::size_t least = std::numeric_limits<std::size_t>::max();
   std::vector<std::string> accepted;
@@ -37,7 +46,7 @@ void KnownKeys::require(const ConfigNode& node, const std::string& key) const {
   // A suggestion that shares less than half of its characters is none.
   const std::string suggestion =
       2 * least <= std::max(key.size(), nearest.size()) ? fmt::format(" (did you mean '{}'?)", nearest) : std::string();
-  node.fail(fmt::format("no row will have '{}'{}; accepted: {}", key, suggestion, fmt::join(accepted, "; ")));
+  return fmt::format("{} '{}'{}; accepted: {}", what, key, suggestion, fmt::join(accepted, "; "));
 }
 
 void KnownKeys::require(const ConfigNode& node, const Condition& condition) const {

@@ -21,10 +21,14 @@ class KnownKeys {
 
   /// Throws UsageError at the node unless the key is known, naming the nearest known key and all accepted ones.
   void require(const ConfigNode& node, const std::string& key) const;
+  /// The same without a place; what: how the message begins, for example "no row has".
+  void require(const std::string& key, const std::string& what) const;
   /// The same for the keys of a condition.
   void require(const ConfigNode& node, const Condition& condition) const;
 
  private:
+  std::string complaint(const std::string& key, const std::string& what) const;
+
   std::vector<std::pair<std::string, std::vector<std::string>>> groups_;
 };
 

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <fstream>
 #include <system_error>
 
 #include "framework/base/error.h"
@@ -55,6 +56,32 @@ std::string record_json(const Record& record) {
                                 {"trials", rows}});
   }
   return to_text(json, 2) + "\n";
+}
+
+std::vector<Row> load_rows(const std::filesystem::path& file) {
+  std::ifstream stream(file);
+  if (!stream) throw DataError(fmt::format("{}: cannot be read; expected the folder of a finished run", file.string()));
+  try {
+    std::vector<Row> rows;
+    for (const nlohmann::ordered_json& object : nlohmann::ordered_json::parse(stream).at("rows")) {
+      Row row;
+      for (const auto& [key, value] : object.items()) {
+        if (value.is_boolean()) {
+          row.set(key, value.get<bool>());
+        } else if (value.is_number_integer()) {
+          row.set(key, value.get<std::int64_t>());
+        } else if (value.is_number()) {
+          row.set(key, value.get<double>());
+        } else {
+          row.set(key, value.is_null() ? Value() : Value(value.get<std::string>()));
+        }
+      }
+      rows.push_back(std::move(row));
+    }
+    return rows;
+  } catch (const nlohmann::ordered_json::exception& error) {
+    throw DataError(fmt::format("{}: is no record of a run: {}", file.string(), error.what()));
+  }
 }
 
 Table record_table(const Record& record, const std::vector<std::string>& keys) {

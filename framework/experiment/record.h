@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "framework/base/error.h"
 #include "framework/experiment/figure.h"
 #include "framework/experiment/table.h"
 #include "framework/experiment/trials.h"
@@ -46,6 +47,8 @@ struct Record {
   std::vector<std::string> warnings = {};
   std::vector<std::string> swept = {};  ///< keys of the rows that the config sweeps
   std::vector<Row> rows = {};
+  /// The worst that a point without result would have answered as the only one; its row says why.
+  ExitCode failure = ExitCode::done;
   std::vector<Column> columns = {};  ///< how known keys are shown; others get defaults
   std::vector<Table> tables = {};    ///< further tables for the report (convergence, pivots)
   std::vector<FigureFile> figures = {};
@@ -58,6 +61,10 @@ struct Record {
 /// record.json: object with title, source, pipeline, config, provenance (object), warnings, rows (flat objects),
 /// figures, claims, searches (each with its trials). Numbers are written with all digits; NaN and infinities as null.
 std::string record_json(const Record& record);
+
+/// The rows of a record.json; numbers that it has as null are missing. Throws DataError when there is none or it is
+/// broken.
+std::vector<Row> load_rows(const std::filesystem::path& file);
 
 /// Table of the rows with the record's column descriptions; only the given keys if any.
 Table record_table(const Record& record, const std::vector<std::string>& keys = {});

@@ -113,7 +113,7 @@ Config config_of(const std::string& text) {
 }
 
 Record run_in(const TemporaryFolder& folder, const std::string& text, FakePipeline& pipeline, bool resume = false,
-              const std::function<bool(int, int)>& progress = {}) {
+              const std::function<bool(const Progress&)>& progress = {}) {
   return run_experiment(config_of(text), pipeline.registry(),
                         {.folder = folder.path(), .figures = false, .resume = resume, .progress = progress});
 }
@@ -273,9 +273,9 @@ TEST(Runner, AnInterruptedRunWritesWhatItHasAndDecidesNothing) {
   const std::string text = kGrid + "[[claim]]\ntext = \"c\"\nmetric = \"E\"\nis = \"> 0\"\n";
   FakePipeline pipeline;
   std::vector<std::pair<int, int>> calls;
-  const Record record = run_in(folder, text, pipeline, false, [&](int done, int total) {
-    calls.emplace_back(done, total);
-    return done < 2;
+  const Record record = run_in(folder, text, pipeline, false, [&](const Progress& progress) {
+    calls.emplace_back(progress.done, progress.total);
+    return progress.done < 2;
   });
   EXPECT_EQ(pipeline.runs(), 2);
   EXPECT_THAT(calls, ElementsAre(std::pair(0, 6), std::pair(1, 6), std::pair(2, 6), std::pair(2, 2)));
@@ -291,7 +291,7 @@ TEST(Runner, AnInterruptedRunWritesWhatItHasAndDecidesNothing) {
 TEST(Runner, ARunInterruptedBeforeTheFirstPointIsARecordWithoutRows) {
   const TemporaryFolder folder;
   FakePipeline pipeline;
-  const Record record = run_in(folder, kGrid, pipeline, false, [](int, int) { return false; });
+  const Record record = run_in(folder, kGrid, pipeline, false, [](const Progress&) { return false; });
   EXPECT_THAT(record.rows, IsEmpty());
   EXPECT_EQ(record_in(folder)["rows"], nlohmann::json::array());
 }
@@ -299,7 +299,7 @@ TEST(Runner, ARunInterruptedBeforeTheFirstPointIsARecordWithoutRows) {
 TEST(Runner, ResumeTakesFinishedPointsAndGivesTheTableOfTheUninterruptedRun) {
   const TemporaryFolder folder;
   FakePipeline first;
-  run_in(folder, kGrid, first, false, [](int done, int) { return done < 4; });
+  run_in(folder, kGrid, first, false, [](const Progress& progress) { return progress.done < 4; });
   // The process was killed while it wrote: the last point is half a file.
   const std::string whole = content_of(folder / "points/point-0003.json");
   std::ofstream(folder / "points/point-0003.json") << whole.substr(0, whole.size() / 2);

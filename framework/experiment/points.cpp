@@ -1,0 +1,289 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "framework/experiment/points.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <new>
+#include <optional>
+#include <utility>
+
+#include "framework/base/error.h"
+#include "framework/domain/mesh_io.h"
+#include "framework/experiment/checkpoint.h"
+#include "framework/experiment/json.h"
+
+namespace variform {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+// The result is that of the upper end of the bracket; without one, of the last value tried.
+PointResult bisect(const PipelineEntry& pipeline, const Config& config, const ThresholdSearch& search) {
+  std::optional<PointResult> best;
+  bool best_held = false;
+  Trials trials = find_threshold(search, [&](double value) {
+    Config point = config;
+    point.set(search.key, ConfigValue{value, 0});
+    PointResult result = pipeline.run(point);
+    Row metrics = result.metrics;
+    const bool held = search.until.holds(metrics);
+    // Bisection goes down from what held to what holds.
+    if (held || !best_held) best = std::move(result);
+    best_held = best_held || held;
+    return metrics;
+  });
+  PointResult result = std::move(*best);
+  result.metrics.set("bisect_found", trials.found);
+  result.metrics.set("bracket_low", trials.low);
+  result.metrics.set("bracket_high", trials.high);
+  result.metrics.set("bisect_runs", static_cast<std::int64_t>(trials.rows.size()));
+  if (!trials.found) {
+    result.warnings.push_back(
+        fmt::format("no value of {} up to {} fulfils '{}'", search.key, search.high, search.until.text()));
+  }
+  result.trials.push_back(std::move(trials));
+  return result;
+}
+
+// Where the files of a point are.
+struct PointFiles {
+  PointFiles(const fs::path& run_folder, int point)
+      : folder(run_folder),
+        name(fmt::format("point-{:04}", point)),
+        checkpoint(folder / "points" / (name + ".json")),
+        fields("meshes/" + name + ".vtu") {}
+
+  fs::path folder;
+  std::string name;
+  fs::path checkpoint;
+  std::string fields;  // relative to the folder
+};
+
+// What a finished point depends on: its config, the bisection, the content of its input files, the program.
+class CheckpointKeys {
+ public:
+  CheckpointKeys(const Config& config, const Plan& plan, const RunOptions& options) : plan_(plan) {
+    if (plan.bisection) common_ = config.root().at("bisect").value().text();
+    for (const auto& [name, fact] : options.provenance) {
+      if (name == "variform") common_ += fmt::format("\n# version {}", fact);
+    }
+  }
+
+  std::string operator()(const Config& at) {
+    std::string key = at.text() + common_;
+    if (!plan_.pipeline->inputs) return key;
+    for (const fs::path& file : plan_.pipeline->inputs(at)) {
+      if (!fs::is_regular_file(file)) continue;  // reading the mesh says what is wrong with it
+      auto known = contents_.find(file);
+      if (known == contents_.end()) known = contents_.emplace(file, fingerprint(file)).first;
+      key += known->second;
+    }
+    return key;
+  }
+
+ private:
+  static std::string fingerprint(const fs::path& file) {
+    std::ifstream stream(file, std::ios::binary);
+    const std::string content((std::istreambuf_iterator<char>(stream)), std::istreambuf_iterator<char>());
+    std::uint64_t hash = 0xcbf29ce484222325ULL;  // FNV-1a
+    for (const char c : content) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3ULL;
+    return fmt::format("\n# {}: {} bytes, {:016x}", file.string(), content.size(), hash);
+  }
+
+  const Plan& plan_;
+  std::string common_;
+  std::map<fs::path, std::string> contents_;
+};
+
+std::optional<PointResult> take_point(const PointFiles& files, const std::string& key) {
+  std::optional<PointResult> result = load_point(files.checkpoint, key);
+  // Only the mesh itself is not in the checkpoint.
+  const Value* const written = result ? result->metrics.find("mesh") : nullptr;
+  if (written != nullptr &&
+      !(fs::exists(files.folder / to_text(*written)) && fs::exists(files.folder / files.fields))) {
+    result.reset();
+  }
+  return result;
+}
+
+PointResult execute_point(const Plan& plan, const Config& at, const PointFiles& files, const std::string& key) {
+  PointResult result = plan.bisection ? bisect(*plan.pipeline, at, *plan.bisection) : plan.pipeline->run(at);
+  if (result.mesh.cell_count() > 0) {
+    const bool tetrahedra = result.mesh.cells.cols() == 4;
+    const std::string mesh = "meshes/" + files.name + (tetrahedra ? ".mesh" : ".obj");
+    if (result.uv.size() > 0) {
+      write_obj_uv(files.folder / mesh, result.mesh, result.uv, result.uv_cells);
+    } else if (mesh != files.fields) {
+      write_mesh(files.folder / mesh, result.mesh);
+    }
+    write_mesh(files.folder / files.fields, result.mesh, result.fields);
+    result.metrics.set("mesh", mesh);
+  }
+  save_point(files.checkpoint, key, result);
+  return result;
+}
+
+// Meshes and fields are on disk: only what the record and its figures need is kept.
+void keep(PointResult&& result, bool figures, Point& point) {
+  point.outcome = ProcessOutcome::ok;
+  point.result = std::move(result);
+  point.result.mesh = {};
+  point.result.fields.clear();
+  if (!figures) point.result.figures.clear();
+}
+
+void fail(ProcessOutcome outcome, ExitCode code, const std::string& reason, Point& point) {
+  point.outcome = outcome;
+  point.exit_code = code;
+  point.reason = reason;
+}
+
+class PointRun {
+ public:
+  PointRun(const Config& config, const Plan& plan, const RunOptions& options)
+      : config_(config),
+        plan_(plan),
+        options_(options),
+        keys_(config, plan, options),
+        points_(static_cast<std::size_t>(plan.sweep.point_count())),
+        progress_{.total = plan.sweep.point_count()} {}
+
+  std::vector<Point> run() {
+    if (options_.point_command.empty())
+      run_here();
+    else
+      run_in_processes();
+    if (options_.progress) {
+      progress_.total = progress_.done;
+      options_.progress(progress_);
+    }
+    return std::move(points_);
+  }
+
+ private:
+  bool keep_going() const { return !options_.progress || options_.progress(progress_); }
+
+  Config config_of(int point) {
+    Point& at = points_[static_cast<std::size_t>(point)];
+    at.values = {};
+    return point_config(config_, plan_, point, at.values);
+  }
+
+  // True when there is a result of an earlier run. Else none is left that could pass for that of this one.
+  bool take(int point, const std::string& key) {
+    const PointFiles files(options_.folder, point);
+    if (options_.resume) {
+      if (std::optional<PointResult> result = take_point(files, key)) {
+        keep(std::move(*result), options_.figures, points_[static_cast<std::size_t>(point)]);
+        ++progress_.taken;
+        ++progress_.done;
+        return true;
+      }
+    }
+    std::error_code ignored;
+    fs::remove(files.checkpoint, ignored);
+    return false;
+  }
+
+  void count(const Point& point) {
+    ++progress_.done;
+    if (point.outcome != ProcessOutcome::ok) ++progress_.failed;
+  }
+
+  void run_here() {
+    for (int i = 0; i < progress_.total && keep_going(); ++i) {
+      const Config at = config_of(i);
+      const std::string key = keys_(at);
+      if (take(i, key)) continue;
+      Point& point = points_[static_cast<std::size_t>(i)];
+      try {
+        keep(execute_point(plan_, at, PointFiles(options_.folder, i), key), options_.figures, point);
+      } catch (const Error& error) {
+        fail(ProcessOutcome::failed, error.exit_code(), error.what(), point);
+      } catch (const std::bad_alloc&) {
+        fail(ProcessOutcome::out_of_memory, ExitCode::solver, "an allocation failed", point);
+      }
+      count(point);
+    }
+  }
+
+  void run_in_processes() {
+    std::vector<int> left;
+    for (int i = 0; i < progress_.total && keep_going(); ++i) {
+      if (!take(i, keys_(config_of(i)))) left.push_back(i);
+    }
+    const std::string config = config_.message();
+    const auto job = [&](std::size_t number) {
+      const Json request = {{"config", config},
+                            {"folder", options_.folder.string()},
+                            {"point", left[number]},
+                            {"key", keys_(config_of(left[number]))}};
+      return ProcessJob{options_.point_command, to_text(request, -1)};
+    };
+    const auto finished = [&](std::size_t number, const ProcessResult& end) {
+      const int i = left[number];
+      Point& point = points_[static_cast<std::size_t>(i)];
+      if (end.outcome == ProcessOutcome::interrupted) return;
+      if (end.outcome == ProcessOutcome::ok) {
+        // What a library writes there is seen as if it had been written by this process.
+        if (!end.error.empty()) std::fwrite(end.error.data(), 1, end.error.size(), stderr);
+        std::optional<PointResult> result = take_point(PointFiles(options_.folder, i), keys_(config_of(i)));
+        if (result)
+          keep(std::move(*result), options_.figures, point);
+        else
+          fail(ProcessOutcome::failed, ExitCode::data, "its files are not there or not its own", point);
+      } else {
+        const bool is_known =
+            end.exit_code == static_cast<int>(ExitCode::usage) || end.exit_code == static_cast<int>(ExitCode::data);
+        const bool told = end.outcome == ProcessOutcome::failed && is_known;
+        fail(end.outcome, told ? static_cast<ExitCode>(end.exit_code) : ExitCode::solver, end.reason, point);
+      }
+      count(point);
+    };
+    run_processes(left.size(), job,
+                  {.jobs = options_.jobs, .limits = options_.limits, .finished = finished, .keep_going = [this] {
+                     return keep_going();
+                   }});
+  }
+
+  const Config& config_;
+  const Plan& plan_;
+  const RunOptions& options_;
+  CheckpointKeys keys_;
+  std::vector<Point> points_;
+  Progress progress_;
+};
+
+}  // namespace
+
+std::vector<Point> run_points(const Config& config, const Plan& plan, const RunOptions& options) {
+  return PointRun(config, plan, options).run();
+}
+
+bool succeeded(const Row& row) {
+  const Value* const status = row.find("status");
+  return status == nullptr || to_text(*status) == to_string(ProcessOutcome::ok);
+}
+
+void run_point_request(const std::string& request, const Registry<PipelineEntry>& pipelines) {
+  try {
+    const Json json = Json::parse(request);
+    const Config config = Config::from_message(json.at("config").get<std::string>());
+    const Plan plan = read_plan(config, pipelines);
+    const int point = json.at("point").get<int>();
+    if (point < 0 || point >= plan.sweep.point_count()) throw UsageError(fmt::format("there is no point {}", point));
+    Row ignored;
+    execute_point(plan, point_config(config, plan, point, ignored),
+                  PointFiles(json.at("folder").get<std::string>(), point), json.at("key").get<std::string>());
+  } catch (const Json::exception& error) {
+    throw UsageError(fmt::format("no request of a run: {}", error.what()));
+  }
+}
+
+}  // namespace variform
