@@ -33,8 +33,20 @@ struct RunArguments {
   bool quiet = false;
 };
 
+/// What `compare` takes beside.
+struct CompareArguments {
+  std::vector<std::string> linear = {};     ///< names of backends, or "all"
+  std::vector<std::string> nonlinear = {};  ///< with both: every pair
+  std::optional<int> repeats = {};
+  std::optional<int> warm_up = {};
+  std::optional<double> accuracy = {};
+  std::string reference = {};
+};
+
 ExitCode run(const RunArguments& arguments);
 ExitCode sweep(const RunArguments& arguments);
+/// Runs a config with every one of a list of backends.
+ExitCode compare(const RunArguments& arguments, const CompareArguments& backends);
 ExitCode reproduce(const std::vector<std::string>& places, const RunArguments& arguments);
 /// Runs the point that standard input asks for: the process of a point. Returns the exit code.
 int point();

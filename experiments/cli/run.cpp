@@ -15,6 +15,8 @@
 #include "experiments/pipelines.h"
 #include "framework/domain/mesh_io.h"
 #include "framework/experiment/runner.h"
+#include "solvers/linear/linear_backends.h"
+#include "solvers/nonlinear/nonlinear_backends.h"
 
 namespace variform {
 namespace {
@@ -29,7 +31,11 @@ void print_warnings(const Record& record) {
 std::vector<std::string> shown_columns(const Record& record, const Config& config) {
   std::vector<std::string> columns = record.swept;
   if (record.failure != ExitCode::done) columns.insert(columns.end(), {"status", "reason"});
-  if (const ConfigNode root = config.root(); root.has("output") && root.at("output").has("columns")) {
+  if (const ConfigNode root = config.root(); root.has("backends")) {
+    columns.insert(columns.end(),
+                   {"status", "converged", "solved", "excess", "difference", "iterations", "seconds_total",
+                    "seconds_min", "seconds_max", "seconds_per_iteration", "peak_memory"});
+  } else if (root.has("output") && root.at("output").has("columns")) {
     const std::vector<std::string> chosen = root.at("output").at("columns").strings();
     columns.insert(columns.end(), chosen.begin(), chosen.end());
   } else {
@@ -114,6 +120,43 @@ Config configured(const RunArguments& arguments) {
   return config;
 }
 
+ConfigValue text(const std::string& value) { return {value, 0}; }
+
+// The variants of [backends] by names of backends.
+std::vector<ConfigValue> variants(const CompareArguments& arguments) {
+  const auto names = [](const std::vector<std::string>& given, const auto& registry) {
+    if (given != std::vector<std::string>{"all"}) return given.empty() ? std::vector<std::string>{""} : given;
+    std::vector<std::string> all;
+    for (const auto& entry : registry.entries()) {
+      if (entry.available) all.push_back(entry.name);
+    }
+    return all;
+  };
+  std::vector<ConfigValue> result;
+  for (const std::string& nonlinear : names(arguments.nonlinear, nonlinear_backends())) {
+    for (const std::string& linear : names(arguments.linear, linear_backends())) {
+      ConfigValue::Table variant;
+      if (!nonlinear.empty()) variant.emplace_back("nonlinear", text(nonlinear));
+      if (!linear.empty()) variant.emplace_back("linear", text(linear));
+      result.push_back({variant, 0});
+    }
+  }
+  return result;
+}
+
+void set_backends(const CompareArguments& arguments, Config& config) {
+  if (!arguments.linear.empty() || !arguments.nonlinear.empty()) {
+    config.set("backends.variant", {variants(arguments), 0});
+  } else if (!config.root().has("backends")) {
+    throw UsageError(fmt::format("{}: nothing to compare: the config has no [backends]; give --linear or --nonlinear",
+                                 config.file()));
+  }
+  if (arguments.repeats) config.set("backends.repeats", {std::int64_t{*arguments.repeats}, 0});
+  if (arguments.warm_up) config.set("backends.warm_up", {std::int64_t{*arguments.warm_up}, 0});
+  if (arguments.accuracy) config.set("backends.accuracy", {*arguments.accuracy, 0});
+  if (!arguments.reference.empty()) config.set("backends.reference", text(arguments.reference));
+}
+
 Record run_config(const Config& config, const RunArguments& arguments) {
   if (arguments.out.empty()) throw UsageError("--out: expected a folder");
   if (arguments.jobs == 0 && (arguments.limits.seconds > 0.0 || arguments.limits.memory_mib > 0.0)) {
@@ -132,6 +175,17 @@ Record run_config(const Config& config, const RunArguments& arguments) {
                      }};
   if (arguments.jobs > 0) options.point_command = {kThisProgram, "point"};
   return run_experiment(config, pipelines(), options);
+}
+
+ExitCode run_and_show(const Config& config, const RunArguments& arguments) {
+  const Record record = run_config(config, arguments);
+  print_warnings(record);
+  if (!arguments.quiet) {
+    fmt::print("{}\n", record_table(record, shown_columns(record, config)).markdown());
+    if (!record.verdicts.empty()) fmt::print("{}\n", claims_table(record.verdicts).markdown());
+    fmt::print("Report: {}\n", (fs::absolute(arguments.out) / "report.html").lexically_normal().string());
+  }
+  return record.failure;
 }
 
 fs::path shipped_experiments() {
@@ -180,16 +234,12 @@ std::string missing_input(const Config& config) {
 
 }  // namespace
 
-ExitCode run(const RunArguments& arguments) {
-  const Config config = configured(arguments);
-  const Record record = run_config(config, arguments);
-  print_warnings(record);
-  if (!arguments.quiet) {
-    fmt::print("{}\n", record_table(record, shown_columns(record, config)).markdown());
-    if (!record.verdicts.empty()) fmt::print("{}\n", claims_table(record.verdicts).markdown());
-    fmt::print("Report: {}\n", (fs::absolute(arguments.out) / "report.html").lexically_normal().string());
-  }
-  return record.failure;
+ExitCode run(const RunArguments& arguments) { return run_and_show(configured(arguments), arguments); }
+
+ExitCode compare(const RunArguments& arguments, const CompareArguments& backends) {
+  Config config = configured(arguments);
+  set_backends(backends, config);
+  return run_and_show(config, arguments);
 }
 
 ExitCode sweep(const RunArguments& arguments) {

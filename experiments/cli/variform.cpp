@@ -65,6 +65,20 @@ int main_checked(int argc, char** argv) {
   sweep_command->add_option("--samples", arguments.samples, "number of points of --random and --lhs");
   sweep_command->add_option("--seed", arguments.seed, "of the sweep's random numbers");
   add_run_options(sweep_command);
+  CompareArguments backends;
+  CLI::App* compare_command = app.add_subcommand("compare", "solve the problems of a config by several backends");
+  compare_command->add_option("config", arguments.config, "TOML file, with or without [backends]")->required();
+  compare_command->add_option("--out", arguments.out, "folder for the results")->required();
+  compare_command
+      ->add_option("--linear", backends.linear, "linear backends, separated by commas; all: those of this build")
+      ->delimiter(',');
+  compare_command->add_option("--nonlinear", backends.nonlinear, "nonlinear ones; with --linear: every pair")
+      ->delimiter(',');
+  compare_command->add_option("--repeats", backends.repeats, "timed runs of each (default 5)");
+  compare_command->add_option("--warm-up", backends.warm_up, "runs before that are not counted (default 1)");
+  compare_command->add_option("--accuracy", backends.accuracy, "excess of energy up to which a problem is solved");
+  compare_command->add_option("--reference", backends.reference, "variant whose solution is the reference");
+  add_run_options(compare_command);
   std::vector<std::string> places;
   CLI::App* reproduce_command = app.add_subcommand("reproduce", "run experiments and check their claims");
   reproduce_command->add_option("configs", places, "TOML files or folders (default: all shipped experiments)");
@@ -111,6 +125,8 @@ int main_checked(int argc, char** argv) {
     code = run(arguments);
   } else if (sweep_command->parsed()) {
     code = sweep(arguments);
+  } else if (compare_command->parsed()) {
+    code = compare(arguments, backends);
   } else if (reproduce_command->parsed()) {
     code = reproduce(places, arguments);
   } else if (table_command->parsed()) {

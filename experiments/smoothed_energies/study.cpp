@@ -118,6 +118,7 @@ struct Outcome {
   int iterations = 1;
   Index undefined_targets = 0;
   std::vector<Curve> history;
+  SolveTrace trace;
   std::string reason;
 };
 
@@ -136,6 +137,8 @@ Outcome minimize(Problem& problem, SolverChoice& solver, const Matrix& start) {
     Curve energies_curve{"E", {}, {}};
     Curve steps{"step", {}, {}};
     for (const NonlinearStep& step : report.history) {
+      outcome.trace.energy.push_back(step.energy.objective());
+      outcome.trace.seconds.push_back(step.seconds);
       energies_curve.x.push_back(step.iteration);
       energies_curve.y.push_back(step.energy.objective());
       if (step.iteration == 0) continue;
@@ -317,6 +320,9 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
                                           other ? ", or try solver.nonlinear = \"gauss_newton\"" : ""));
   }
   result.history = outcome.history;
+  result.trace = std::move(outcome.trace);
+  result.trace.solution = outcome.U;
+  result.trace.length_scale = study.domain.diameter();
 
   Row& row = result.metrics;
   row.set("beta", beta);

@@ -191,6 +191,13 @@ void save_point(const std::filesystem::path& file, const std::string& config_tex
   for (const Trials& trials : result.trials) json["trials"].push_back(trials_json(trials));
   json["probes"] = dense(result.probes);
   json["probe_scale"] = result.probe_scale;
+  if (result.trace.solution.size() > 0) {
+    json["trace"] = {{"solution", dense(result.trace.solution)},
+                     {"length_scale", result.trace.length_scale},
+                     {"energy", numbers(result.trace.energy)},
+                     {"seconds", numbers(result.trace.seconds)},
+                     {"linear_residuals", numbers(result.trace.linear_residuals)}};
+  }
   json["warnings"] = result.warnings;
   write_file(file, to_text(json, -1));
 }
@@ -210,6 +217,14 @@ std::optional<PointResult> load_point(const std::filesystem::path& file, const s
     }
     result.probes = dense<Matrix>(json.at("probes"));
     result.probe_scale = json.at("probe_scale").get<double>();
+    if (json.contains("trace")) {
+      const Json& trace = json.at("trace");
+      result.trace = {.solution = dense<Matrix>(trace.at("solution")),
+                      .length_scale = trace.at("length_scale").get<double>(),
+                      .energy = numbers(trace.at("energy")),
+                      .seconds = numbers(trace.at("seconds")),
+                      .linear_residuals = numbers(trace.at("linear_residuals"))};
+    }
     result.warnings = json.at("warnings").get<std::vector<std::string>>();
     return result;
   } catch (const Json::exception&) {

@@ -40,13 +40,6 @@ LinePlot line_plot(const PlotRequest& request, const std::vector<Row>& rows) {
   return plot;
 }
 
-void add_plot(const LinePlot& plot, const std::string& name, const fs::path& folder, Record& record) {
-  if (const auto missing = draw_plot(plot, folder / "figures" / name))
-    record.warnings.push_back(*missing);
-  else
-    record.figures.push_back({plot.title, "figures/" + name});
-}
-
 // What a reader needs to know of the marks that occur in a picture.
 std::string legend(const std::vector<MeshFigure>& panels) {
   const auto any = [&panels](auto member) {
@@ -79,7 +72,7 @@ void draw_figure(const Plan& plan, const std::string& name, std::vector<Point>& 
       }
       panels.push_back(std::move(figure));
       MeshFigure& panel = panels.back();
-      panel.title = group_text(record.rows[i], plan.sweep.keys(), kTitleDigits);
+      panel.title = group_text(record.rows[i], plan.swept_keys(), kTitleDigits);
       const auto flipped = panel.flipped_cells.size();
       if (flipped > 0) panel.title += fmt::format("{}{} flipped", panel.title.empty() ? "" : ", ", flipped);
       if (panel.uv.size() == 0) values.push_back(panel.cell_values);
@@ -172,11 +165,18 @@ void draw_searches(const fs::path& folder, Record& record) {
 
 }  // namespace
 
+void add_plot(const LinePlot& plot, const std::string& name, const fs::path& folder, Record& record) {
+  if (const auto missing = draw_plot(plot, folder / "figures" / name))
+    record.warnings.push_back(*missing);
+  else
+    record.figures.push_back({plot.title, "figures/" + name});
+}
+
 void draw_figures(const Plan& plan, std::vector<Point>& points, const fs::path& folder, Record& record) {
   const auto wanted = [&](const std::string& name) {
     return std::find(plan.figures.begin(), plan.figures.end(), name) != plan.figures.end();
   };
-  const std::vector<std::string> swept = plan.sweep.keys();
+  const std::vector<std::string> swept = plan.swept_keys();
   for (const std::string& name : plan.pipeline->figures) {
     if (wanted(name)) draw_figure(plan, name, points, folder, record);
   }

@@ -14,4 +14,7 @@ namespace variform {
 /// cannot be drawn becomes a warning. points: those of the record's rows, in their order; their figures are moved away.
 void draw_figures(const Plan& plan, std::vector<Point>& points, const std::filesystem::path& folder, Record& record);
 
+/// Draws a plot as folder/figures/name and tells the record of it.
+void add_plot(const LinePlot& plot, const std::string& name, const std::filesystem::path& folder, Record& record);
+
 }  // namespace variform

@@ -17,6 +17,17 @@
 
 namespace variform {
 
+/// How a solver got to its result: what comparisons of backends look at.
+struct SolveTrace {
+  Matrix solution = {};       ///< |V| x d
+  double length_scale = 1.0;  ///< that differences of solutions are divided by
+  /// Of nonlinear backends, a value for each row of the history, the start included: objective and seconds since the
+  /// start of the run.
+  std::vector<double> energy = {};
+  std::vector<double> seconds = {};
+  std::vector<double> linear_residuals = {};  ///< relative, by iteration of the last linear solve; direct: empty
+};
+
 /// What a pipeline makes of one point of a study: a config without sweep, every value in its place.
 struct PointResult {
   Row metrics;                         ///< flat; the runner puts the swept keys in front
@@ -30,6 +41,7 @@ struct PointResult {
   std::vector<Curve> history = {};  ///< convergence: value against iteration, by name of the value
   Matrix probes = {};               ///< images of the probe points (NaN where a point is outside), for [compare]
   double probe_scale = 1.0;         ///< length that differences of probes are divided by
+  SolveTrace trace = {};
   std::vector<Trials> trials = {};  ///< what searches inside the point tried, for the record, tables and plots
   std::vector<std::string> warnings = {};
 };

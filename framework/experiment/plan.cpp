@@ -16,8 +16,8 @@
 namespace variform {
 namespace {
 
-const std::vector<std::string> kRunnerKeys = {"title",  "source",  "pipeline", "requires", "sweep",
-                                              "bisect", "compare", "claim",    "plot",     "output"};
+const std::vector<std::string> kRunnerKeys = {"title",   "source",   "pipeline", "requires", "sweep", "bisect",
+                                              "compare", "backends", "claim",    "plot",     "output"};
 
 const std::vector<std::string> kBisectionKeys = {"bisect_found", "bracket_low", "bracket_high", "bisect_runs"};
 
@@ -63,12 +63,15 @@ Camera read_camera(const ConfigNode& node) {
 // after the run, as a claim that nothing decides.
 void check_keys(const ConfigNode& root, const Plan& plan) {
   KnownKeys known;
-  known.add("swept keys", plan.sweep.keys());
+  known.add("swept keys", plan.swept_keys());
   std::vector<std::string> metrics;
   for (const Metric& metric : plan.pipeline->metrics) metrics.push_back(metric.column.key);
   known.add(fmt::format("metrics of '{}'", plan.pipeline->name), metrics);
   KnownKeys of_pipeline = known;
   std::vector<std::string> own = {"status", "reason", "mesh"};
+  if (plan.backends) {
+    for (const Metric& metric : comparison_metrics()) own.push_back(metric.column.key);
+  }
   if (!plan.sweep.seed_keys().empty()) own.emplace_back("seed");
   if (plan.bisection) own.insert(own.end(), kBisectionKeys.begin(), kBisectionKeys.end());
   if (!plan.reference.empty()) own.insert(own.end(), {"map_difference", "probe_points"});
@@ -125,6 +128,12 @@ Value as_value(const ConfigValue& value) {
 
 }  // namespace
 
+std::vector<std::string> Plan::swept_keys() const {
+  std::vector<std::string> keys = sweep.keys();
+  if (backends) keys.emplace_back(kBackendKey);
+  return keys;
+}
+
 Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
   const ConfigNode root = config.root();
   Plan plan;
@@ -145,6 +154,15 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
     for (const std::string& key : plan.sweep.seed_keys()) {
       check_key(node.at("seed_key"), key, ConfigValue{plan.sweep.seed(0), 0}, config, plan);
     }
+  }
+  if (root.has("backends")) {
+    const ConfigNode node = root.at("backends");
+    const std::vector<std::string>& sections = plan.pipeline->sections;
+    if (std::find(sections.begin(), sections.end(), "solver") == sections.end()) {
+      node.fail(fmt::format("pipeline '{}' has no [solver] to choose backends in", plan.pipeline->name));
+    }
+    plan.backends = read_backends(node);
+    if (root.has("bisect")) root.at("bisect").fail("a comparison of backends does not bisect");
   }
   if (root.has("bisect")) {
     const ConfigNode node = root.at("bisect");
@@ -196,7 +214,7 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
       plan.plots.push_back(plot);
     }
   }
-  plan.figures = plan.pipeline->figures;
+  if (!plan.backends) plan.figures = plan.pipeline->figures;
   if (root.has("output")) {
     const ConfigNode node = root.at("output");
     node.accept_keys(config_section("[output]").names());
@@ -237,12 +255,19 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
 
 Config point_config(const Config& config, const Plan& plan, int point, Row& values) {
   Config result = config;
-  for (const auto& [key, value] : plan.sweep.values(point)) {
+  const int variants = plan.backends ? static_cast<int>(plan.backends->variants.size()) : 1;
+  const int problem = point / variants;
+  for (const auto& [key, value] : plan.sweep.values(problem)) {
     result.set(key, value);
     values.set(key, as_value(value));
   }
+  if (plan.backends) {
+    const BackendVariant& variant = plan.backends->variants[static_cast<std::size_t>(point % variants)];
+    apply(variant, result);
+    values.set(kBackendKey, variant.name);
+  }
   if (!plan.sweep.seed_keys().empty()) {
-    const std::int64_t seed = plan.sweep.seed(point);
+    const std::int64_t seed = plan.sweep.seed(problem);
     for (const std::string& key : plan.sweep.seed_keys()) result.set(key, ConfigValue{seed, 0});
     values.set("seed", seed);
   }
@@ -252,7 +277,7 @@ Config point_config(const Config& config, const Plan& plan, int point, Row& valu
 
 void check_points(const Config& config, const Plan& plan) {
   if (!plan.pipeline->check) return;
-  for (int point = 0; point < plan.sweep.point_count(); ++point) {
+  for (int point = 0; point < plan.point_count(); ++point) {
     Row ignored;
     Config at = point_config(config, plan, point, ignored);
     if (plan.bisection) at.set(plan.bisection->key, ConfigValue{plan.bisection->low, 0});

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "framework/experiment/backend_comparison.h"
 #include "framework/experiment/claim.h"
 #include "framework/experiment/config.h"
 #include "framework/experiment/pipeline.h"
@@ -29,6 +30,7 @@ struct Plan {
   const PipelineEntry* pipeline = nullptr;
   std::string title, source;
   Sweep sweep;
+  std::optional<BackendComparison> backends;  ///< every point of the sweep is run with each of its variants
   std::optional<ThresholdSearch> bisection;
   std::string reference;  ///< [compare]
   std::vector<Claim> claims;
@@ -41,6 +43,12 @@ struct Plan {
   int panel_columns = 0;
   bool logarithmic = true;
   Camera camera;
+
+  /// The swept keys and, in a comparison, "backend".
+  std::vector<std::string> swept_keys() const;
+  int point_count() const { return sweep.point_count() * (backends ? static_cast<int>(backends->variants.size()) : 1); }
+  /// Whether the config is one point, whose failure is that of the run.
+  bool is_single() const { return sweep.is_empty() && !backends; }
 };
 
 /// Reads the runner's sections; throws UsageError with file, line and key when they make no sense.

@@ -70,6 +70,7 @@ class CheckpointKeys {
  public:
   CheckpointKeys(const Config& config, const Plan& plan, const RunOptions& options) : plan_(plan) {
     if (plan.bisection) common_ = config.root().at("bisect").value().text();
+    if (plan.backends) common_ = fmt::format("\n# {} runs after {}", plan.backends->repeats, plan.backends->warm_up);
     for (const auto& [name, fact] : options.provenance) {
       if (name == "variform") common_ += fmt::format("\n# version {}", fact);
     }
@@ -113,7 +114,10 @@ std::optional<PointResult> take_point(const PointFiles& files, const std::string
 }
 
 PointResult execute_point(const Plan& plan, const Config& at, const PointFiles& files, const std::string& key) {
-  PointResult result = plan.bisection ? bisect(*plan.pipeline, at, *plan.bisection) : plan.pipeline->run(at);
+  PointResult result = plan.bisection  ? bisect(*plan.pipeline, at, *plan.bisection)
+                       : plan.backends ? run_repeatedly(*plan.pipeline, at, *plan.backends)
+                                       : plan.pipeline->run(at);
+  if (!plan.backends) result.trace = {};  // only comparisons look at it
   if (result.mesh.cell_count() > 0) {
     const bool tetrahedra = result.mesh.cells.cols() == 4;
     const std::string mesh = "meshes/" + files.name + (tetrahedra ? ".mesh" : ".obj");
@@ -151,8 +155,8 @@ class PointRun {
         plan_(plan),
         options_(options),
         keys_(config, plan, options),
-        points_(static_cast<std::size_t>(plan.sweep.point_count())),
-        progress_{.total = plan.sweep.point_count()} {}
+        points_(static_cast<std::size_t>(plan.point_count())),
+        progress_{.total = plan.point_count()} {}
 
   std::vector<Point> run() {
     if (options_.point_command.empty())
@@ -277,7 +281,7 @@ void run_point_request(const std::string& request, const Registry<PipelineEntry>
     const Config config = Config::from_message(json.at("config").get<std::string>());
     const Plan plan = read_plan(config, pipelines);
     const int point = json.at("point").get<int>();
-    if (point < 0 || point >= plan.sweep.point_count()) throw UsageError(fmt::format("there is no point {}", point));
+    if (point < 0 || point >= plan.point_count()) throw UsageError(fmt::format("there is no point {}", point));
     Row ignored;
     execute_point(plan, point_config(config, plan, point, ignored),
                   PointFiles(json.at("folder").get<std::string>(), point), json.at("key").get<std::string>());

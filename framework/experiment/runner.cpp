@@ -17,6 +17,7 @@
 
 #include "framework/base/error.h"
 #include "framework/base/stopwatch.h"
+#include "framework/experiment/backend_comparison.h"
 #include "framework/experiment/claim.h"
 #include "framework/experiment/drawing.h"
 #include "framework/experiment/folder_lock.h"
@@ -33,7 +34,7 @@ void compare_probes(const Plan& plan, const std::vector<Point>& points, Record& 
   const Condition reference(plan.reference);
   const std::vector<std::string> keys = reference.keys();
   std::vector<std::string> others;
-  for (const std::string& key : plan.sweep.keys()) {
+  for (const std::string& key : plan.swept_keys()) {
     if (std::find(keys.begin(), keys.end(), key) == keys.end()) others.push_back(key);
   }
   std::map<std::string, std::size_t> references;
@@ -65,7 +66,7 @@ void compare_probes(const Plan& plan, const std::vector<Point>& points, Record& 
 // Searches of the same kind share a table and a plot for each metric of interest.
 void add_searches(const Plan& plan, const std::vector<Point>& points, Record& record) {
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const std::string point = group_text(record.rows[i], plan.sweep.keys());
+    const std::string point = group_text(record.rows[i], plan.swept_keys());
     for (const Trials& trials : points[i].result.trials) {
       record.searches.push_back({point, trials});
       Table table{.caption = fmt::format("Search: {}{}{}", trials.aim, point.empty() ? "" : ", ", point)};
@@ -83,7 +84,7 @@ void add_searches(const Plan& plan, const std::vector<Point>& points, Record& re
 // Rows next to each other in the table differ in the size alone, where the size is swept: rates are those of a group of
 // rows that agree in all other swept keys. The rows get them, too, as "<metric>_eoc".
 Table convergence_table(const Plan& plan, const std::string& metric, const std::string& size, std::vector<Row>& rows) {
-  std::vector<std::string> others = plan.sweep.keys();
+  std::vector<std::string> others = plan.swept_keys();
   const bool grouped = std::erase(others, size) > 0;
   if (!grouped) others.clear();
   struct Group {
@@ -100,7 +101,7 @@ Table convergence_table(const Plan& plan, const std::string& metric, const std::
     group->places.push_back(i);
   }
   Table table{fmt::format("Convergence of {} with {}", metric, size), {}, {}};
-  for (const std::string& key : plan.sweep.keys()) table.columns.push_back({key});
+  for (const std::string& key : plan.swept_keys()) table.columns.push_back({key});
   if (!grouped) table.columns.push_back({size});
   table.columns.push_back({metric});
   const std::vector<Column> columns = table.columns;
@@ -149,7 +150,7 @@ void add_provenance(const Config& config, double seconds, Record& record) {
 
 void add_row(const Plan& plan, Point& point, Record& record) {
   Row row = point.values;
-  const std::string where = group_text(row, plan.sweep.keys());
+  const std::string where = group_text(row, plan.swept_keys());
   const auto warn = [&](const std::string& warning) {
     record.warnings.push_back(where.empty() ? warning : where + ": " + warning);
   };
@@ -157,7 +158,8 @@ void add_row(const Plan& plan, Point& point, Record& record) {
   if (point.outcome != ProcessOutcome::ok) {
     row.set("reason", point.reason);
     warn(fmt::format("{}: {}", to_string(point.outcome), point.reason));
-    record.failure = std::max(record.failure, point.exit_code);
+    // A backend that fails is a result of a comparison.
+    if (!plan.backends) record.failure = std::max(record.failure, point.exit_code);
   }
   for (const auto& [metric, value] : point.result.metrics.entries()) row.set(metric, value);
   for (const MeshFigure& figure : point.result.figures) {
@@ -198,7 +200,7 @@ fs::path find_input(const std::string& name, const fs::path& config_folder) {
 int check_experiment(const Config& config, const Registry<PipelineEntry>& pipelines) {
   const Plan plan = read_plan(config, pipelines);
   check_points(config, plan);
-  return plan.sweep.point_count();
+  return plan.point_count();
 }
 
 Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipelines, const RunOptions& options) {
@@ -210,7 +212,7 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   record.source = plan.source;
   record.pipeline = plan.pipeline->name;
   record.config = config.text();
-  record.swept = plan.sweep.keys();
+  record.swept = plan.swept_keys();
   record.camera = plan.camera;
   record.provenance = options.provenance;
   for (const Metric& metric : plan.pipeline->metrics) record.columns.push_back(metric.column);
@@ -234,7 +236,7 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   }
 
   std::vector<Point> points = run_points(config, plan, options);
-  if (plan.sweep.is_empty() && points.front().exit_code != ExitCode::done) {
+  if (plan.is_single() && points.front().exit_code != ExitCode::done) {
     const Point& point = points.front();
     const bool told = point.outcome == ProcessOutcome::failed;
     throw_error(point.exit_code, told ? point.reason : fmt::format("{}: {}", to_string(point.outcome), point.reason));
@@ -248,13 +250,17 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   }
   for (Point& point : points) add_row(plan, point, record);
 
+  if (plan.backends) {
+    compare_backends(plan, config, points, options.figures, options.folder, record);
+    for (const Metric& metric : comparison_metrics()) record.columns.push_back(metric.column);
+  }
   if (!plan.reference.empty()) compare_probes(plan, points, record);
   for (const auto& [metric, size] : plan.rates) {
     record.tables.push_back(convergence_table(plan, metric, size, record.rows));
   }
   add_searches(plan, points, record);
   for (const Claim& claim : plan.claims) {
-    Verdict verdict = decide(claim, record.rows, plan.sweep.keys());
+    Verdict verdict = decide(claim, record.rows, plan.swept_keys());
     if (!complete) {
       verdict.outcome = Verdict::Outcome::undecided;
       verdict.reason = "the run was interrupted";
@@ -282,6 +288,7 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   if (options.figures) draw_figures(plan, points, options.folder, record);
   add_provenance(config, watch.seconds(), record);
   std::vector<std::string> columns = plan.columns;
+  if (columns.empty() && plan.backends) columns = comparison_columns();
   if (!columns.empty()) columns.insert(columns.begin(), record.swept.begin(), record.swept.end());
   write_record(record, options.folder, columns);
   return record;
