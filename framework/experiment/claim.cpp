@@ -237,6 +237,11 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
       if (!claim.where.holds(row)) continue;
       unconverged += is_unconverged(row);
       const Value* value = row.find(claim.metric);
+      if (const Value* const failure = row.find("reason"); value == nullptr && failure != nullptr) {
+        verdict.reason = fmt::format("'{}' is missing in a row that counts: {}: {}", claim.metric,
+                                     to_text(*row.find("status")), to_text(*failure));
+        return verdict;
+      }
       double number = value == nullptr ? std::nan("") : to_number(*value);
       if (!reference_text.empty()) {
         const std::string group = group_of(row, swept, reference_keys);

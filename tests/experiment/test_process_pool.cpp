@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gmock/gmock.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <csignal>
+#include <filesystem>
 #include <string>
 #include <thread>
 #include <vector>
@@ -15,6 +18,7 @@
 namespace variform {
 namespace {
 
+namespace fs = std::filesystem;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::UnorderedElementsAre;
@@ -112,7 +116,8 @@ TEST(ProcessPool, TimesAreThoseOfTheProcess) {
 TEST(ProcessPool, ProcessesRunSideBySide) {
   const TemporaryFolder folder;
   const auto meet = [&](const char* own, const char* other) { return child({"meet", folder / own, folder / other}); };
-  const std::vector<ProcessResult> results = run_processes({meet("a", "b"), meet("b", "a")}, {.jobs = 2});
+  const std::vector<ProcessResult> results =
+      run_processes({meet("a", "b"), meet("b", "a")}, {.jobs = 2, .limits = {.seconds = 60.0}});
   EXPECT_EQ(results[0].outcome, ProcessOutcome::ok);
   EXPECT_EQ(results[1].outcome, ProcessOutcome::ok);
 }
@@ -156,6 +161,37 @@ TEST(ProcessPool, WhatAProcessStartedEndsWithIt) {
   // It is gone as soon as the system has reaped it.
   for (int i = 0; i < 1000 && is_alive(grandchild); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(5));
   EXPECT_FALSE(is_alive(grandchild));
+}
+
+TEST(ProcessPool, ProcessesDieWithTheirParentHoweverItDies) {
+  const TemporaryFolder folder;
+  const fs::path file = folder / "child";
+  const pid_t parent = fork();
+  if (parent == 0) {
+    execl(VARIFORM_TEST_CHILD, VARIFORM_TEST_CHILD, "pool", file.c_str(), nullptr);
+    _exit(127);
+  }
+  for (int i = 0; i < 10000 && !fs::exists(file); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  ASSERT_TRUE(fs::exists(file));
+  const pid_t process = std::stoi(content_of(file));
+  EXPECT_TRUE(is_alive(process));
+  kill(parent, SIGKILL);
+  waitpid(parent, nullptr, 0);
+  for (int i = 0; i < 1000 && is_alive(process); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  EXPECT_FALSE(is_alive(process));
+}
+
+TEST(ProcessPool, JobsAreMadeWhenTheirTurnComes) {
+  std::vector<std::string> events;
+  run_processes(2,
+                [&](std::size_t job) {
+                  events.push_back("made " + std::to_string(job));
+                  return child({"exit", "0"});
+                },
+                {.jobs = 1, .finished = [&](std::size_t job, const ProcessResult&) {
+                   events.push_back("ended " + std::to_string(job));
+                 }});
+  EXPECT_THAT(events, ElementsAre("made 0", "ended 0", "made 1", "ended 1"));
 }
 
 TEST(ProcessPool, WhatMakesNoSenseIsRefused) {

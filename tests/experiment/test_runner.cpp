@@ -401,22 +401,58 @@ TEST(Runner, PointsWithoutMeshNameNoneAndAreResumed) {
   EXPECT_EQ(resumed.runs(), 0);
 }
 
-TEST(Runner, AFailureNamesThePointAndLeavesNoRecordNotEvenAnOldOne) {
+TEST(Runner, AFailureOfASingleRunIsThrownAndLeavesNoRecordNotEvenAnOldOne) {
   const TemporaryFolder folder;
-  run_in(folder, kGrid);
+  run_in(folder, "[model]\n");
   ASSERT_TRUE(fs::exists(folder / "record.json"));
   FakePipeline failing;
-  failing.failing_at(4);
+  failing.failing_at(1);
   try {
-    run_in(folder, kGrid, failing);
+    run_in(folder, "[model]\n", failing);
     FAIL() << "no error";
   } catch (const SolverError& error) {
-    EXPECT_STREQ(error.what(), "no convergence (at model.x = 2, model.a = 1.5)");
+    EXPECT_STREQ(error.what(), "no convergence");
   }
   EXPECT_FALSE(fs::exists(folder / "record.json"));
+}
+
+TEST(Runner, AFailureInASweepIsARowAndTheOthersGoOn) {
+  const TemporaryFolder folder;
+  FakePipeline failing;
+  failing.failing_at(4);
+  const std::string claims =
+      "[[claim]]\ntext = \"all\"\nmetric = \"E\"\nis = \"> 0\"\n"
+      "[[claim]]\ntext = \"flags\"\nmetric = \"E\"\nwhere = \"h > 0\"\nis = \"> 0\"\n"
+      "[[claim]]\ntext = \"finished\"\nmetric = \"E\"\nwhere = \"status == 'ok'\"\nis = \"> 0\"\n"
+      "[[claim]]\ntext = \"small\"\nmetric = \"E\"\nwhere = \"model.a == 0.5\"\nis = \"> 0\"\n"
+      "[compare]\nreference = \"model.x == 2\"\n";
+  std::vector<int> failures;
+  const Record record = run_in(folder, kGrid + claims, failing, false, [&](const Progress& progress) {
+    failures.push_back(progress.failed);
+    return true;
+  });
+  EXPECT_EQ(record.failure, ExitCode::solver);
+  ASSERT_EQ(record.rows.size(), 6u);
+  for (std::size_t i = 0; i < 6; ++i) {
+    EXPECT_EQ(to_text(*record.rows[i].find("status")), i == 3 ? "failed" : "ok");
+    EXPECT_EQ(record.rows[i].find("E") == nullptr, i == 3);
+    EXPECT_EQ(record.rows[i].find("reason") != nullptr, i == 3);
+  }
+  EXPECT_EQ(to_text(*record.rows[3].find("reason")), "no convergence");
+  EXPECT_THAT(record.warnings, ElementsAre("x = 2, a = 1.5: failed: no convergence"));
+  EXPECT_THAT(failures, ElementsAre(0, 0, 0, 0, 1, 1, 1));
+  std::vector<std::string> outcomes;
+  for (const Verdict& verdict : record.verdicts) outcomes.push_back(to_string(verdict.outcome));
+  EXPECT_THAT(outcomes, ElementsAre("undecided", "undecided", "holds", "holds"));
+  EXPECT_THAT(record.verdicts[0].reason, HasSubstr("'E' is missing in a row that counts: failed: no convergence"));
+  EXPECT_EQ(record.rows[3].find("map_difference"), nullptr);
+  EXPECT_TRUE(std::isnan(to_number(*record.rows[1].find("map_difference")))) << "its reference failed";
+
   FakePipeline resumed;
-  EXPECT_EQ(run_in(folder, kGrid, resumed, true).rows.size(), 6u);
-  EXPECT_LE(resumed.runs(), 3) << "points in front of the failure are kept";
+  const Record again = run_in(folder, kGrid, resumed, true);
+  EXPECT_EQ(resumed.runs(), 1) << "what failed is run again, and nothing else";
+  EXPECT_EQ(again.failure, ExitCode::done);
+  EXPECT_EQ(column(again.rows, "E")[3], 16.0);
 }
 
 TEST(Runner, AllPointsAreCheckedBeforeTheFirstRuns) {
@@ -511,7 +547,7 @@ TEST(Runner, PlotsHaveACurvePerSeriesAndAreWarningsWhereTheyCannotBeDrawn) {
 TEST(Runner, KeysThatNoRowWillHaveAreRefusedBeforeAnythingRuns) {
   const std::string claim = "[[claim]]\ntext = \"t\"\nis = \"> 1\"\n";
   const std::string accepted =
-      "accepted: swept keys: model.x, model.a; metrics of 'fake': E, h; set by the runner: mesh";
+      "accepted: swept keys: model.x, model.a; metrics of 'fake': E, h; set by the runner: status, reason, mesh";
   EXPECT_THAT(
       config_error(kGrid + claim + "metric = \"EE\"\n"),
       StartsWith("study.toml:10: key 'claim[0].metric': no row will have 'EE' (did you mean 'E'?); " + accepted));

@@ -5,7 +5,6 @@
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -15,21 +14,26 @@
 #include <thread>
 #include <vector>
 
+#include "framework/base/error.h"
+#include "framework/domain/mesh_io.h"
+#include "framework/experiment/process_pool.h"
+#include "framework/experiment/runner.h"
+#include "tests/experiment_child/trouble.h"
+
 namespace {
 
 void rest(double seconds) { std::this_thread::sleep_for(std::chrono::duration<double>(seconds)); }
 
-// Takes memory until it is stopped, 8 MiB at a time, and touches it.
-void hog(int mib) {
-  constexpr std::size_t kBlock = std::size_t{8} << 20;
-  std::vector<char*> blocks;
-  for (int taken = 0; taken < mib; taken += 8) {
-    blocks.push_back(static_cast<char*>(std::malloc(kBlock)));
-    if (blocks.back() == nullptr) throw std::bad_alloc();
-    std::memset(blocks.back(), taken % 7 + 1, kBlock);
-    rest(0.002);
+int point() {
+  try {
+    variform::run_point_request({std::istreambuf_iterator<char>(std::cin), {}}, variform::trouble_pipelines());
+  } catch (const variform::Error& error) {
+    std::cerr << "error: " << error.what() << "\n";
+    return static_cast<int>(error.exit_code());
+  } catch (const std::bad_alloc&) {
+    return variform::kExitOutOfMemory;
   }
-  for (char* block : blocks) std::free(block);
+  return 0;
 }
 
 int act(const std::vector<std::string>& words) {
@@ -56,9 +60,16 @@ int act(const std::vector<std::string>& words) {
     std::ofstream(words[1]) << "here";
     while (!std::filesystem::exists(words[2])) rest(0.001);
   } else if (what == "hog") {
-    hog(static_cast<int>(number()));
+    variform::take_memory(static_cast<int>(number()));
   } else if (what == "bad_alloc") {
-    return 12;
+    return variform::kExitOutOfMemory;
+  } else if (what == "pool") {  // runs this program as its child, which says its id into a file
+    variform::run_processes({{{variform::kThisProgram, "sign", words[1]}}}, {});
+  } else if (what == "sign") {
+    variform::write_file(words[1], std::to_string(getpid()));
+    rest(3600.0);
+  } else if (what == "point") {
+    return point();
   } else if (what == "parent") {  // says its child's id and rests
     const pid_t child = fork();
     if (child == 0) {
