@@ -70,7 +70,7 @@ Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const 
   if (first.gradient <= options_.gradient_tolerance) {
     stop(true, fmt::format("gradient {:.3g} at most tolerance {:.3g}", first.gradient, options_.gradient_tolerance));
   }
-  Matrix U = stopped_ || options_.max_iterations <= 0 ? U0 : run(objective, U0);
+  Matrix U = over() ? U0 : run(objective, U0);
   if (report_.reason.empty()) {
     report_.reason = fmt::format("iteration limit {} (last step {:.3g}, tolerance {:.3g}", options_.max_iterations,
                                  last().step, options_.tolerance);
@@ -104,7 +104,7 @@ Matrix NonlinearBackend::run(Objective& objective, const Matrix& U0) {
   }
 }
 
-bool NonlinearBackend::advance(const EnergyValue& energy, double change, double whole, double gradient) {
+bool NonlinearBackend::advance(EnergyValue energy, double change, double whole, double gradient) {
   ++report_.iterations;
   report_.history.push_back({report_.iterations, energy, change, watch_.seconds(), gradient});
   if (!std::isfinite(energy.objective())) {
@@ -119,7 +119,7 @@ bool NonlinearBackend::advance(const EnergyValue& energy, double change, double 
   } else if (!stopped_ && !go_on) {
     stop(false, "stopped by the observer");
   }
-  return !stopped_ && report_.iterations < options_.max_iterations;
+  return !over();
 }
 
 }  // namespace variform

@@ -96,7 +96,7 @@ double stationarity(const Objective& objective, const Eigen::VectorXd& gradient,
 /// methods stop by the step, too, where it is that of the whole model. Steps of first-order methods tell nothing.
 struct NonlinearOptions {
   double tolerance = 1e-6;  ///< stop when no coordinate moves more than this times the length scale, by a whole step
-  double gradient_tolerance = 1e-6;  ///< stop when stationarity() is at most this
+  double gradient_tolerance = 1e-4;  ///< stop when stationarity() is at most this
   int max_iterations = 500;
 };
 
@@ -147,7 +147,7 @@ class NonlinearBackend {
   /// Ends an iteration: adds its row to the history, shows it to the observer, applies the criteria. False when the run
   /// is over. change and whole: largest change of a coordinate by this step and by the whole step that it is a part of,
   /// relative to the length scale; gradient: see stationarity().
-  bool advance(const EnergyValue& energy, double change, double whole, double gradient);
+  bool advance(EnergyValue energy, double change, double whole, double gradient);
 
   /// Whether what the backend finds is a stationary point of the objective: the gradient criterion applies.
   virtual bool minimizes_objective() const { return false; }
@@ -161,7 +161,8 @@ class NonlinearBackend {
   /// Ends the run after this step: whether that counts as convergence, and the rule with its numbers.
   void stop(bool converged, std::string reason);
 
-  bool stopped() const { return stopped_; }
+  /// Whether the run is over: stopped, or at the iteration limit.
+  bool over() const { return stopped_ || report_.iterations >= options_.max_iterations; }
 
   /// Says that this step is a part only of one with this largest change of a coordinate (line search, damping): that
   /// the part is small is no sign of convergence.
