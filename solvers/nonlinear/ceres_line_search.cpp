@@ -13,6 +13,7 @@
 #include <limits>
 
 #include "solvers/nonlinear/library_backend.h"
+#include "solvers/nonlinear/quiet_ceres.h"
 #endif
 
 namespace variform {
@@ -71,14 +72,15 @@ class CeresLineSearch final : public LibraryBackend, private ceres::IterationCal
   }
 
  protected:
-  std::string optimize(const ScaledObjective& objective, Eigen::VectorXd x) override {
+  std::string optimize(const ScaledObjective& objective) override {
     error_ = {};
     objective_ = &objective;
-    x_ = std::move(x);
+    x_ = objective.start();
     ceres::GradientProblem problem(new Function(objective, error_));
     ceres::GradientProblemSolver::Options options = options_;
     options.callbacks.push_back(this);
     ceres::GradientProblemSolver::Summary summary;
+    const QuietCeres quiet;
     ceres::Solve(options, problem, x_.data(), &summary);
     if (error_) std::rethrow_exception(error_);
     return summary.message;

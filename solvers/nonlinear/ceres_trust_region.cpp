@@ -16,6 +16,7 @@
 
 #include "framework/base/error.h"
 #include "solvers/nonlinear/library_backend.h"
+#include "solvers/nonlinear/quiet_ceres.h"
 #endif
 
 namespace variform {
@@ -142,10 +143,10 @@ class CeresTrustRegion final : public LibraryBackend, private ceres::IterationCa
   }
 
  protected:
-  std::string optimize(const ScaledObjective& objective, Eigen::VectorXd x) override {
+  std::string optimize(const ScaledObjective& objective) override {
     error_ = {};
     objective_ = &objective;
-    x_ = std::move(x);
+    x_ = objective.start();
     StackedResidual all(objective, x_, error_);
     ceres::Problem::Options ownership;
     ownership.evaluation_callback = &all;
@@ -155,6 +156,7 @@ class CeresTrustRegion final : public LibraryBackend, private ceres::IterationCa
     ceres::Solver::Options options = options_;
     options.callbacks.push_back(this);
     ceres::Solver::Summary summary;
+    const QuietCeres quiet;
     ceres::Solve(options, &problem, &summary);
     if (error_) std::rethrow_exception(error_);
     return summary.message;

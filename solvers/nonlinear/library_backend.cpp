@@ -11,20 +11,21 @@ namespace variform {
 
 namespace {
 constexpr double kNoCriterion = std::numeric_limits<double>::infinity();  // of steps
-// NLopt's L-BFGS ends where no derivative is above 1e-8, and nothing turns that off.
-constexpr double kUnit = 1e-6;
 }  // namespace
 
 ScaledObjective::ScaledObjective(Objective& objective, const Matrix& U0, const EnergyValue& energy)
     : objective_(objective),
       length_(objective.length_scale()),
-      energy_(kUnit * (energy.objective() > 0.0 ? energy.objective() : 1.0)),
-      size_(objective.variables(U0).size()) {}
+      energy_(energy.objective() > 0.0 ? energy.objective() : 1.0),
+      start_(objective.variables(U0) / length_) {}
 
 Matrix LibraryBackend::run(Objective& objective, const Matrix& U0) {
   state_ = U0;
-  const ScaledObjective scaled(objective, U0, last().energy);
-  const std::string end = optimize(scaled, objective.variables(U0) / scaled.length());
+  std::string end;
+  for (double before = std::numeric_limits<double>::infinity(); !over() && last().energy.objective() < before;) {
+    before = last().energy.objective();
+    end = optimize(ScaledObjective(objective, state_, last().energy));
+  }
   if (!over()) {
     stop(false, fmt::format("the library gives up: {} (gradient {:.3g})", end, last().gradient));
   }

@@ -17,9 +17,9 @@ namespace {
 //
 // Anderson acceleration (Peng et al. 2018, Anderson acceleration for geometry optimization and physics simulation, sec.
 // 3): with the map G of the alternation and f = G(U) - U, the next state is the affine combination of the last images
-// G(U_k) whose combined f is smallest. It is taken only if it is no worse than the image G(U) of the plain step would
-// have to be: by the energy where plain steps never raise it, by |f| elsewhere, for which one solve is spent, that of
-// the next iteration. Else the plain step is taken and the window emptied. Steps are converged by f, the plain step.
+// G(U_k) whose combined f is smallest. It is taken only where it leads forward: to no higher energy where plain steps
+// never raise it (beta = 0), to no larger |f| elsewhere, for which one solve is spent, that of the next iteration. Else
+// the plain step is taken and the window emptied. The stopping rule asks for a small f, too.
 class LocalGlobal final : public NonlinearBackend {
  public:
   explicit LocalGlobal(int window) : NonlinearBackend("local_global"), window_(window) {}

@@ -29,7 +29,7 @@ class NloptBackend final : public LibraryBackend {
         most_variables_(small ? parameters.integer("most_variables") : 0) {}
 
  protected:
-  std::string optimize(const ScaledObjective& objective, Eigen::VectorXd x) override {
+  std::string optimize(const ScaledObjective& objective) override {
     if (most_variables_ > 0 && objective.size() > most_variables_) {
       throw UsageError(
           fmt::format("nonlinear backend '{}' works with dense matrices: {} variables are more than the {} that its "
@@ -41,6 +41,7 @@ class NloptBackend final : public LibraryBackend {
     const Handle opt(nlopt_create(algorithm_, static_cast<unsigned>(objective.size())), &nlopt_destroy);
     if (!opt) throw SolverError(fmt::format("nonlinear backend '{}': out of memory", report().backend));
     run_ = {.opt = opt.get(), .objective = &objective, .backend = this};
+    Eigen::VectorXd x = objective.start();
     double f = 0.0;
     nlopt_set_min_objective(opt.get(), &NloptBackend::evaluate, this);
     // Some algorithms take 0 for their default, which ends early.
@@ -56,6 +57,8 @@ class NloptBackend final : public LibraryBackend {
 
  private:
   static constexpr double kOff = 1e-300;
+  // Value beyond a barrier: above that of the start, which is 1, and no more, as L-BFGS interpolates.
+  static constexpr double kBeyond = 2.0;
 
   struct Run {
     nlopt_opt opt = nullptr;
@@ -73,6 +76,7 @@ class NloptBackend final : public LibraryBackend {
   double evaluate(const Eigen::VectorXd& x, double* gradient) {
     Eigen::Map<Eigen::VectorXd> derivative(gradient, gradient != nullptr ? x.size() : 0);
     derivative.setZero();
+    if (over()) return kBeyond;  // L-BFGS ends its line search first
     try {
       const ScaledObjective& scaled = *run_.objective;
       const Matrix U = scaled.state(x);
@@ -95,11 +99,11 @@ class NloptBackend final : public LibraryBackend {
         go_on = stayed();
       }
       if (!go_on) nlopt_force_stop(run_.opt);
-      return finite ? f : HUGE_VAL;
+      return finite ? f : kBeyond;
     } catch (...) {
       run_.error = std::current_exception();
       nlopt_force_stop(run_.opt);
-      return HUGE_VAL;
+      return kBeyond;
     }
   }
 

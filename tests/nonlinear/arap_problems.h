@@ -40,12 +40,12 @@ inline Index nearest(const Matrix& positions, const Eigen::RowVectorXd& point) {
 inline std::vector<ArapProblem> arap_problems() {
   std::vector<ArapProblem> problems;
   {
-    const Mesh mesh = rectangle_mesh({.width = 2.0, .height = 0.5, .h = 0.125, .jitter = 0.2});
+    const Mesh mesh = rectangle_mesh({.width = 2.0, .height = 0.4, .h = 0.2, .jitter = 0.2});
     Constraints constraints(mesh.vertex_count(), 2);
     for (Index v = 0; v < mesh.vertex_count(); ++v) {
       if (mesh.positions(v, 0) == 0.0) constraints.fix(v, mesh.positions.row(v));
     }
-    const Index handle = nearest(mesh.positions, Eigen::RowVector2d(2.0, 0.5));
+    const Index handle = nearest(mesh.positions, Eigen::RowVector2d(2.0, 0.4));
     constraints.fix(handle, mesh.positions.row(handle) + Eigen::RowVector2d(-0.2, 0.6));
     problems.push_back(arap_problem("planar", mesh, "arap", mesh.positions, constraints));
   }
@@ -55,13 +55,13 @@ inline std::vector<ArapProblem> arap_problems() {
     for (Index v = 0; v < mesh.vertex_count(); ++v) {
       if (mesh.positions(v, 0) == 0.0) constraints.fix(v, mesh.positions.row(v));
       if (mesh.positions(v, 0) == 1.0) {
-        constraints.fix(v, mesh.positions.row(v) + Eigen::RowVector3d(0.1, 0.05, 0.1));
+        constraints.fix(v, mesh.positions.row(v) + Eigen::RowVector3d(0.3, 0.1, 0.1));
       }
     }
     problems.push_back(arap_problem("surface", mesh, "arap", mesh.positions, constraints));
   }
   {
-    const Mesh mesh = bar_tet_mesh(2.0, 0.5, 0.5, 0.25);
+    const Mesh mesh = bar_tet_mesh(1.0, 0.5, 0.5, 0.25);
     Constraints constraints(mesh.vertex_count(), 3);
     for (Index v = 0; v < mesh.vertex_count(); ++v) {
       const double x = mesh.positions(v, 0);
