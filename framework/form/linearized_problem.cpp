@@ -78,6 +78,41 @@ void LinearizedProblem::linearize(const Matrix& U) {
   }
 }
 
+Matrix LinearizedProblem::gradient(const Matrix& U) const {
+  const auto& energy = dynamic_cast<const ProjectedEnergy&>(problem_.energy());
+  Matrix G;
+  for (const Term& term : problem_.terms()) {
+    const Form& form = term.form;
+    const int n = form.residuals();
+    const int u = form.unknowns();
+    Matrix weighted = term.norm->apply(form.residual(as_unknowns(U, form)));
+    if (G.size() == 0) {
+      // r = Y - c(Y): by Y first.
+      parallel_for(form.site_count(), [&](Index t) {
+        const ProjectedEnergy::SmallMatrix Y = ProjectedEnergy::value(form, t, U);
+        ProjectedEnergy::SmallMatrix c = form.target(t);
+        ProjectedEnergy::SmallMatrix D(weighted.cols(), weighted.cols());
+        energy.closest_target(problem_.domain(), t, Y, c, &D);
+        weighted.row(t) -= (weighted.row(t) * D).eval();
+      });
+      G = Matrix::Zero(form.unknown_count(), form.columns());
+    }
+    for (Index s = 0; s < form.site_count(); ++s) {
+      const Eigen::Map<const Eigen::MatrixXd> r(weighted.row(s).data(), n, form.columns());
+      const auto E = form.block(s);
+      for (int i = 0; i < form.site_size(s); ++i) {
+        G.middleRows(form.node(s, i) * u, u).noalias() += 2.0 * E.middleCols(i * u, u).transpose() * r;
+      }
+    }
+  }
+  return as_vertex_values(G, problem_.terms().front().form);
+}
+
+LeastSquares LinearizedProblem::least_squares(const Matrix& U) {
+  linearize(U);
+  return {.jacobian = stacked_operator(terms_), .residual = -stacked_targets(terms_)};
+}
+
 Constraints LinearizedProblem::constraints_at(const Matrix& U) {
   const Constraints& constraints = problem_.constraints();
   const double slack = 1e-9 * problem_.domain().diameter();

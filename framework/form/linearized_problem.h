@@ -27,6 +27,13 @@ class LinearizedProblem {
   /// the hard constraints, SolverError as LinearBackend does.
   Direction direction(const Matrix& U, double damping, LinearBackend& backend);
 
+  /// Derivative of ||r(u)||^2_W by U: 2 J'W r, |V| x d. The problem's targets must be those of U.
+  Matrix gradient(const Matrix& U) const;
+
+  /// S J (rows x (|V| d), coordinates vertex by vertex) and S r at U, with S'S = W. The problem's targets must be those
+  /// of U.
+  LeastSquares least_squares(const Matrix& U);
+
  private:
   void linearize(const Matrix& U);
   Constraints constraints_at(const Matrix& U);

@@ -54,6 +54,7 @@ class Problem {
   /// Another weight of the regularization. The pattern and what was analyzed on it are kept, unless beta changes from
   /// or to 0, where the facets' couplings come or go. Throws as the constructor.
   void set_beta(double beta);
+  double beta() const { return norm_.beta; }
 
   /// Re-declares E and W after the positions of the domain changed.
   void refresh_operator();

@@ -8,7 +8,6 @@
 #include <limits>
 
 #include "framework/base/error.h"
-#include "framework/base/stopwatch.h"
 
 namespace variform {
 
@@ -26,6 +25,13 @@ Eigen::VectorXd Objective::gradient(const Matrix&) { offers_none("gradient"); }
 LeastSquares Objective::least_squares(const Matrix&) { offers_none("sum of squares"); }
 Direction Objective::newton(const Matrix&, double) { offers_none("Hessian"); }
 double Objective::longest_step(const Matrix&, const Matrix&) { return std::numeric_limits<double>::infinity(); }
+
+double stationarity(const Objective& objective, const Eigen::VectorXd& gradient, const EnergyValue& energy) {
+  constexpr double kZero = 1e-6;
+  const double size = gradient.lpNorm<1>() * objective.length_scale();
+  if (size == 0.0) return 0.0;
+  return size / std::max(energy.objective(), kZero * objective.energy_scale());
+}
 
 Direction Objective::gauss_newton(const Matrix&, double) {
   throw UsageError("this objective has no linearized residual for Gauss-Newton steps");
@@ -45,47 +51,75 @@ void NonlinearBackend::stop(bool converged, std::string reason) {
 
 Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const NonlinearOptions& options,
                                   const Observer& observer) {
-  const Stopwatch watch;
+  watch_ = {};
   const std::string name = report_.backend;
   report_ = {};
   report_.backend = name;
   stopped_ = false;
+  options_ = options;
+  observer_ = observer;
   start();
+  const EnergyValue energy = value(objective, U0);
+  if (!std::isfinite(energy.objective())) {
+    throw SolverError(fmt::format("nonlinear backend '{}': the energy is not finite at the start", name));
+  }
+  NonlinearStep first{.energy = energy};
+  if (minimizes_objective()) first.gradient = stationarity(objective, objective.gradient(U0), energy);
+  first.seconds = watch_.seconds();
+  report_.history.push_back(first);
+  if (first.gradient <= options_.gradient_tolerance) {
+    stop(true, fmt::format("gradient {:.3g} at most tolerance {:.3g}", first.gradient, options_.gradient_tolerance));
+  }
+  Matrix U = over() ? U0 : run(objective, U0);
+  if (report_.reason.empty()) {
+    report_.reason = fmt::format("iteration limit {} (last step {:.3g}, tolerance {:.3g}", options_.max_iterations,
+                                 last().step, options_.tolerance);
+    if (minimizes_objective()) {
+      report_.reason +=
+          fmt::format("; gradient {:.3g}, tolerance {:.3g}", last().gradient, options_.gradient_tolerance);
+    }
+    report_.reason += ")";
+  }
+  observer_ = {};
+  report_.seconds = watch_.seconds();
+  return U;
+}
+
+Matrix NonlinearBackend::run(Objective& objective, const Matrix& U0) {
+  const double length = objective.length_scale();
   Matrix U = U0;
-  report_.history.push_back({0, value(objective, U), 0.0, watch.seconds()});
-  while (report_.iterations < options.max_iterations) {
+  while (true) {
     whole_ = 0.0;
     Matrix next = step(objective, U);
     if (!next.allFinite()) {
-      throw SolverError(fmt::format("nonlinear backend '{}': a coordinate is not finite after iteration {}", name,
-                                    report_.iterations + 1));
+      throw SolverError(fmt::format("nonlinear backend '{}': a coordinate is not finite after iteration {}",
+                                    report_.backend, report_.iterations + 1));
     }
-    const double change = (next - U).cwiseAbs().maxCoeff() / objective.length_scale();
+    const double change = (next - U).cwiseAbs().maxCoeff() / length;
     U.swap(next);
-    ++report_.iterations;
-    report_.history.push_back({report_.iterations, value(objective, U), change, watch.seconds()});
-    if (!std::isfinite(report_.history.back().energy.total)) {
-      throw SolverError(
-          fmt::format("nonlinear backend '{}': the energy is not finite after iteration {}", name, report_.iterations));
-    }
-    const bool go_on = !observer || observer(report_.history.back());
-    if (stopped_) break;
-    if (std::max(change, whole_ / objective.length_scale()) <= options.tolerance) {
-      report_.converged = true;
-      report_.reason = fmt::format("step {:.3g} at most tolerance {:.3g}", change, options.tolerance);
-      break;
-    }
-    if (!go_on) {
-      report_.reason = "stopped by the observer";
-      break;
-    }
+    const EnergyValue energy = value(objective, U);
+    const double gradient = minimizes_objective() ? stationarity(objective, objective.gradient(U), energy)
+                                                  : std::numeric_limits<double>::quiet_NaN();
+    if (!advance(energy, change, std::max(change, whole_ / length), gradient)) return U;
   }
-  if (report_.reason.empty()) {
-    report_.reason = fmt::format("iteration limit {} (last step {:.3g}, tolerance {:.3g})", options.max_iterations,
-                                 report_.history.back().step, options.tolerance);
+}
+
+bool NonlinearBackend::advance(EnergyValue energy, double change, double whole, double gradient) {
+  ++report_.iterations;
+  report_.history.push_back({report_.iterations, energy, change, watch_.seconds(), gradient});
+  if (!std::isfinite(energy.objective())) {
+    throw SolverError(fmt::format("nonlinear backend '{}': the energy is not finite after iteration {}",
+                                  report_.backend, report_.iterations));
   }
-  report_.seconds = watch.seconds();
-  return U;
+  const bool go_on = !observer_ || observer_(report_.history.back());
+  if (gradient <= options_.gradient_tolerance && !report_.converged) {
+    stop(true, fmt::format("gradient {:.3g} at most tolerance {:.3g}", gradient, options_.gradient_tolerance));
+  } else if (!stopped_ && whole <= options_.tolerance) {
+    stop(true, fmt::format("step {:.3g} at most tolerance {:.3g}", change, options_.tolerance));
+  } else if (!stopped_ && !go_on) {
+    stop(false, "stopped by the observer");
+  }
+  return !over();
 }
 
 }  // namespace variform

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "framework/base/stopwatch.h"
 #include "framework/base/types.h"
 
 namespace variform {
@@ -74,12 +76,27 @@ class Objective {
   /// E(U, c) for the current targets, while value() takes those that belong to U.
   virtual EnergyValue value_at_targets(const Matrix& U);
 
+  /// Whether local_global_step never raises the value.
+  virtual bool alternation_descends() const { return false; }
+
   /// Length that step sizes are measured in, the diameter of the domain.
   virtual double length_scale() const = 0;
+  /// Value of a state whose residual is as large as its targets; 0 where there is no such. Minima far below it are
+  /// taken for zero by the gradient criterion.
+  virtual double energy_scale() const { return 0.0; }
 };
 
+/// How stationary a state with this gradient g by the variables and this value E is: |g|_1 L / max(E, 1e-6 S) with
+/// length scale L and energy scale S; the share of the energy that moving every coordinate by up to L changes to first
+/// order. The 1-norm is dual to the norm of steps, and independent of the resolution of a mesh.
+double stationarity(const Objective& objective, const Eigen::VectorXd& gradient, const EnergyValue& energy);
+
+/// Two criteria, either of which means convergence. All backends that minimize the objective stop by the same gradient
+/// criterion, so that their costs can be compared; alternations, whose limits need not be stationary, and second-order
+/// methods stop by the step, too, where it is that of the whole model. Steps of first-order methods tell nothing.
 struct NonlinearOptions {
   double tolerance = 1e-6;  ///< stop when no coordinate moves more than this times the length scale, by a whole step
+  double gradient_tolerance = 1e-4;  ///< stop when stationarity() is at most this
   int max_iterations = 500;
 };
 
@@ -89,6 +106,7 @@ struct NonlinearStep {
   EnergyValue energy;
   double step = 0.0;     ///< largest change of a coordinate, relative to the length scale
   double seconds = 0.0;  ///< since the start
+  double gradient = std::numeric_limits<double>::quiet_NaN();  ///< stationarity(), where the backend asks for it
 };
 
 struct NonlinearReport {
@@ -118,9 +136,21 @@ class NonlinearBackend {
  protected:
   explicit NonlinearBackend(std::string name) { report_.backend = std::move(name); }
 
-  /// Next state. Whether to stop there is decided by minimize(), by the same rules for all backends; a step that knows
-  /// the run to be over says so by stop().
-  virtual Matrix step(Objective& objective, const Matrix& U) = 0;
+  /// Goes from U0, whose row of the history is there, until advance() says that the run is over; returns the last
+  /// state. Here: step() after step(). Backends that wrap a library, which has a loop of its own, override it.
+  virtual Matrix run(Objective& objective, const Matrix& U0);
+
+  /// Next state, for backends that keep run(). Whether to stop there is decided by advance(), by the same rules for all
+  /// backends; a step that knows the run to be over says so by stop().
+  virtual Matrix step(Objective&, const Matrix& U) { return U; }
+
+  /// Ends an iteration: adds its row to the history, shows it to the observer, applies the criteria. False when the run
+  /// is over. change and whole: largest change of a coordinate by this step and by the whole step that it is a part of,
+  /// relative to the length scale; gradient: see stationarity().
+  bool advance(EnergyValue energy, double change, double whole, double gradient);
+
+  /// Whether what the backend finds is a stationary point of the objective: the gradient criterion applies.
+  virtual bool minimizes_objective() const { return false; }
 
   /// The value that goes into the history.
   virtual EnergyValue value(Objective& objective, const Matrix& U) { return objective.value(U); }
@@ -130,6 +160,9 @@ class NonlinearBackend {
 
   /// Ends the run after this step: whether that counts as convergence, and the rule with its numbers.
   void stop(bool converged, std::string reason);
+
+  /// Whether the run is over: stopped, or at the iteration limit.
+  bool over() const { return stopped_ || report_.iterations >= options_.max_iterations; }
 
   /// Says that this step is a part only of one with this largest change of a coordinate (line search, damping): that
   /// the part is small is no sign of convergence.
@@ -141,6 +174,9 @@ class NonlinearBackend {
  private:
   bool stopped_ = false;
   double whole_ = 0.0;
+  NonlinearOptions options_;
+  Observer observer_;
+  Stopwatch watch_;
   NonlinearReport report_;
 };
 

@@ -20,6 +20,7 @@ class GaussNewton final : public NonlinearBackend {
 
  protected:
   void start() override { damping_ = least_; }
+  bool minimizes_objective() const override { return true; }
 
   Matrix step(Objective& objective, const Matrix& U) override {
     const double energy = last().energy.objective();

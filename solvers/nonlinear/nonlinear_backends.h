@@ -15,15 +15,20 @@ namespace variform {
 /// How a nonlinear backend is known to configs and to `variform list`.
 struct NonlinearBackendEntry {
   std::string name = {};
-  std::string doc = {};
+  std::string doc = {};      ///< one line
+  bool available = true;     ///< compiled in; the registry clears it where describe_<name>() leaves make empty
+  std::string package = {};  ///< Debian package that brings it, for the message when it is not available
+  std::string option = {};   ///< CMake option that compiles it in
+  std::string licence = {};  ///< in effect for what it links to, as SPDX writes it; empty: that of variform
   std::vector<Parameter> parameters = {};
   std::function<std::unique_ptr<NonlinearBackend>(const Parameters&)> make = {};
 };
 
-/// All nonlinear backends.
+/// All nonlinear backends, those not compiled in among them.
 const Registry<NonlinearBackendEntry>& nonlinear_backends();
 
-/// Makes a backend by name with default parameters. Throws UsageError for unknown names.
+/// Makes a backend by name with default parameters. Throws UsageError for unknown names and for backends that are not
+/// compiled in (naming the package that brings them).
 std::unique_ptr<NonlinearBackend> make_nonlinear_backend(const std::string& name);
 /// With the parameters that its entry declares.
 std::unique_ptr<NonlinearBackend> make_nonlinear_backend(const std::string& name, const Parameters& parameters);

@@ -16,6 +16,9 @@ class Kink final : public Objective {
  public:
   EnergyValue value(const Matrix& U) override { return {.total = 1.0 + std::abs(U(0, 0)) + U(0, 1) * U(0, 1)}; }
   Matrix local_global_step(const Matrix& U) override { return U; }
+  Eigen::VectorXd gradient(const Matrix& U) override {
+    return Eigen::Vector2d(U(0, 0) > 0.0 ? 1.0 : -1.0, 2.0 * U(0, 1));
+  }
   Direction gauss_newton(const Matrix& U, double damping) override {
     const double size = 2.0 / (1.0 + damping);
     Direction direction;

@@ -1,0 +1,8 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "solvers/nonlinear/nlopt_backend.h"
+
+namespace variform {
+
+NonlinearBackendEntry describe_nlopt_slsqp() { return nlopt_entry(NloptAlgorithm::slsqp); }
+
+}  // namespace variform
