@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Installs every Debian package that variform builds and runs with (Debian 12; as root or with sudo). Quick when all are
-# there. VARIFORM_EIGEN_ONLY=1 leaves SuiteSparse, Ceres and NLopt out.
+# there. VARIFORM_EIGEN_ONLY=1 leaves out what the preset eigen-only does without.
 set -euo pipefail
 
 packages=(
@@ -11,7 +11,9 @@ packages=(
   libcairo2-dev fonts-dejavu-core gnuplot-nox libjs-three
   libgtest-dev libgmock-dev libbenchmark-dev
 )
-[ "${VARIFORM_EIGEN_ONLY:-0}" = 1 ] || packages+=(libsuitesparse-dev libceres-dev libnlopt-dev)
+[ "${VARIFORM_EIGEN_ONLY:-0}" = 1 ] || packages+=(
+  libsuitesparse-dev libceres-dev libnlopt-dev libpetsc-real-dev libslepc-real-dev libspectra-dev libarpack2-dev
+)
 
 missing=()
 for package in "${packages[@]}"; do

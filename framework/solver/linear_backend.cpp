@@ -130,6 +130,7 @@ Eigen::MatrixXd LinearBackend::solve(const Eigen::MatrixXd& B) {
                                  report_.backend, B.rows(), matrix_.rows()));
   }
   report_.iterations = 0;
+  report_.residual_history.clear();
   Eigen::MatrixXd X(matrix_.cols(), 0);
   report_.solve_seconds = run([&] {
     if (!B.allFinite()) fail("the right-hand side holds values that are not finite");

@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "framework/base/types.h"
 
@@ -45,8 +46,11 @@ struct LinearReport {
   double peak_memory = -1.0;     ///< bytes
   int analyses = 0;              ///< symbolic analyses so far: stays 1 while the pattern stays
   int factorizations = 0;
-  int solves = 0;                ///< calls of solve, not columns
-  int iterations = 0;            ///< of the last solve, largest over the columns; 0 for direct methods
+  int solves = 0;      ///< calls of solve, not columns
+  int iterations = 0;  ///< of the last solve, largest over the columns; 0 for direct methods
+  /// Of the last solve, iterative methods: |A x - b| / |b| before every iteration and at the end, as the method itself
+  /// knows it, for the column that took most iterations.
+  std::vector<double> residual_history;
   double analyze_seconds = 0.0;  ///< of the last phase of each sort
   double factorize_seconds = 0.0;
   double solve_seconds = 0.0;
@@ -98,7 +102,7 @@ class LinearBackend {
 
   virtual void do_analyze() = 0;    ///< of matrix(), values arbitrary; may set ordering, nnz_factor, flops
   virtual void do_factorize() = 0;  ///< of matrix()
-  virtual Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) = 0;  ///< may set iterations, reason
+  virtual Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) = 0;  ///< may set iterations, residual_history, reason
 
   /// Throws SolverError with the name of the backend in front.
   [[noreturn]] void fail(const std::string& what) const;

@@ -211,6 +211,7 @@ LinearBackendEntry describe_cholmod(CholmodMethod method) {
   entry.name = method == CholmodMethod::supernodal ? "cholmod.supernodal" : "cholmod.simplicial";
   entry.capabilities = kCapabilities;
   entry.package = "libsuitesparse-dev";
+  entry.option = "VARIFORM_SUITESPARSE";
 #ifdef VARIFORM_WITH_SUITESPARSE
   entry.make = [name = entry.name, method](const Parameters&) {
     return std::make_unique<CholmodBackend>(name, method);

@@ -5,7 +5,10 @@
 #include <algorithm>
 #include <utility>
 
+#include "framework/base/error.h"
+#include "solvers/linear/iterative.h"
 #include "solvers/linear/linear_backends.h"
+#include "solvers/linear/preconditioner.h"
 
 namespace variform {
 
@@ -13,60 +16,132 @@ namespace {
 
 constexpr LinearCapabilities kCapabilities{.spd = true, .direct = false};
 
+/// One of Eigen's preconditioners.
+template <class Inverse>
+class EigenPreconditioner final : public Preconditioner {
+ public:
+  void analyze(const SparseMatrix& A) override { inverse_.analyzePattern(A); }
+  void factorize(const SparseMatrix& A) override {
+    inverse_.factorize(A);
+    if (inverse_.info() != Eigen::Success) {
+      throw SolverError(fmt::format("the preconditioner of the {} x {} matrix broke down", A.rows(), A.cols()));
+    }
+    nonzeros_ = 2 * A.nonZeros();  // the incomplete factor, and Eigen's lists of its columns
+    rows_ = A.rows();
+  }
+  void apply(const Vector& r, Vector& z) override { z = inverse_.solve(r); }
+  double bytes() const override {
+    constexpr bool kIncomplete = !std::is_same_v<Inverse, Eigen::DiagonalPreconditioner<double>> &&
+                                 !std::is_same_v<Inverse, Eigen::IdentityPreconditioner>;
+    const double entry = sizeof(double) + sizeof(Index);
+    return kIncomplete ? entry * static_cast<double>(nonzeros_) / 2 : sizeof(double) * static_cast<double>(rows_);
+  }
+
+ private:
+  Inverse inverse_;
+  Eigen::Index nonzeros_ = 0;
+  Eigen::Index rows_ = 0;
+};
+
 struct CgOptions {
   double tolerance;
   Index max_iterations;
 };
 
-template <class Preconditioner>
 class ConjugateGradients final : public LinearBackend {
  public:
-  ConjugateGradients(std::string name, const CgOptions& options) : LinearBackend(std::move(name)), options_(options) {
-    solver_.setTolerance(options.tolerance);
-  }
+  ConjugateGradients(std::string name, const CgOptions& options, std::unique_ptr<Preconditioner> preconditioner)
+      : LinearBackend(std::move(name)), options_(options), preconditioner_(std::move(preconditioner)) {}
 
   LinearCapabilities capabilities() const override { return kCapabilities; }
 
  private:
-  void do_analyze() override { solver_.analyzePattern(matrix()); }
+  void do_analyze() override { preconditioner_->analyze(matrix()); }
 
   void do_factorize() override {
-    // The method itself notices nothing; this finds matrices of the wrong sign and rows that were never filled.
-    const Vector diagonal = matrix().diagonal();
-    Index worst = 0;
-    if (!(diagonal.minCoeff(&worst) > 0.0)) {
-      fail(fmt::format("the matrix is not positive definite: diagonal entry {:.3g} at unknown {} of {}",
-                       diagonal[worst], worst, diagonal.size()));
+    if (const std::string wrong = wrong_diagonal(matrix()); !wrong.empty()) fail(wrong);
+    preconditioner_->factorize(matrix());
+    const double preconditioner = preconditioner_->bytes();
+    if (preconditioner >= 0.0) {
+      constexpr int kVectors = 6;  // b, x, r, z, p, A p
+      mutable_report().peak_memory = preconditioner + kVectors * sizeof(double) * static_cast<double>(matrix().cols()) +
+                                     (sizeof(double) + sizeof(Index)) * static_cast<double>(matrix().nonZeros());
     }
-    solver_.factorize(matrix());
-    if (solver_.info() != Eigen::Success) {
-      fail(fmt::format("the preconditioner of the {} x {} matrix broke down", matrix().rows(), matrix().cols()));
-    }
-    solver_.setMaxIterations(options_.max_iterations > 0 ? options_.max_iterations : 2 * matrix().cols());
   }
 
   Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override {
     Eigen::MatrixXd X(B.rows(), B.cols());
-    Index iterations = 0;
-    double error = 0.0;
+    const Index limit = options_.max_iterations > 0 ? options_.max_iterations : std::max<Index>(2 * matrix().cols(), 2);
+    double largest = 0.0;
     for (Index j = 0; j < B.cols(); ++j) {
-      X.col(j) = solver_.solve(B.col(j));
-      iterations = std::max(iterations, static_cast<Index>(solver_.iterations()));
-      error = std::max(error, solver_.error());
-      mutable_report().iterations = iterations;
-      if (solver_.info() != Eigen::Success) {
+      const std::vector<double> history = iterate(B.col(j), limit, X.col(j));
+      const auto iterations = static_cast<Index>(history.size()) - 1;
+      LinearReport& report = mutable_report();
+      if (j == 0 || iterations > report.iterations) report.residual_history = history;
+      report.iterations = std::max(report.iterations, iterations);
+      largest = std::max(largest, history.back());
+      if (!(history.back() <= options_.tolerance)) {
         fail(fmt::format(
             "no convergence for column {} of {} after {} iterations: relative residual {:.3g}, tolerance {:.3g}", j,
-            B.cols(), solver_.iterations(), solver_.error(), options_.tolerance));
+            B.cols(), iterations, history.back(), options_.tolerance));
       }
     }
-    mutable_report().reason = fmt::format("reached relative residual {:.3g}", error);
+    mutable_report().reason = fmt::format("reached relative residual {:.3g}", largest);
     return X;
   }
 
+  /// Preconditioned conjugate gradients (Hestenes and Stiefel 1952) from 0; returns the relative residuals.
+  std::vector<double> iterate(const Vector& b, Index limit, Eigen::Ref<Vector> x) {
+    const auto A = matrix().selfadjointView<Eigen::Lower>();
+    x.setZero();
+    const double size = b.norm();
+    if (size == 0.0) return {0.0};
+    Vector r = b;
+    Vector z(b.size());
+    Vector p = Vector::Zero(b.size());
+    Vector Ap(b.size());
+    double before = 1.0;
+    std::vector<double> history = {1.0};
+    while (history.back() > options_.tolerance && static_cast<Index>(history.size()) <= limit) {
+      preconditioner_->apply(r, z);
+      const double rz = r.dot(z);
+      p = z + (rz / before) * p;
+      before = rz;
+      Ap.noalias() = A * p;
+      const double curvature = p.dot(Ap);
+      if (!(curvature > 0.0 && rz > 0.0)) {
+        fail(
+            fmt::format("the matrix or its preconditioner is not positive definite: p'Ap = {:.3g}, r'z = {:.3g} after "
+                        "{} iterations, relative residual {:.3g}",
+                        curvature, rz, history.size() - 1, history.back()));
+      }
+      const double step = rz / curvature;
+      x += step * p;
+      r -= step * Ap;
+      history.push_back(r.norm() / size);
+    }
+    return history;
+  }
+
   CgOptions options_;
-  Eigen::ConjugateGradient<SparseMatrix, Eigen::Lower, Preconditioner> solver_;
+  std::unique_ptr<Preconditioner> preconditioner_;
 };
+
+std::unique_ptr<Preconditioner> make_preconditioner(const Parameters& parameters) {
+  const std::string& name = parameters.string("preconditioner");
+  if (name == "amg") {
+    return make_multigrid({parameters.string("multigrid"), static_cast<Index>(parameters.integer("block_size")),
+                           parameters.string("multigrid_options")});
+  }
+  if (name == "incomplete_cholesky") {
+    // Natural ordering: a fill-reducing one costs iterations here, as no fill is allowed anyway. Where a pivot breaks
+    // down, Eigen shifts the diagonal until none does.
+    using Incomplete = Eigen::IncompleteCholesky<double, Eigen::Lower, Eigen::NaturalOrdering<Index>>;
+    return std::make_unique<EigenPreconditioner<Incomplete>>();
+  }
+  if (name == "none") return std::make_unique<EigenPreconditioner<Eigen::IdentityPreconditioner>>();
+  return std::make_unique<EigenPreconditioner<Eigen::DiagonalPreconditioner<double>>>();
+}
 
 }  // namespace
 
@@ -79,27 +154,30 @@ LinearBackendEntry describe_eigen_cg() {
   entry.parameters = {
       {.name = "preconditioner",
        .value = std::string("diagonal"),
-       .doc = "approximate inverse that speeds up convergence",
-       .choices = {"diagonal", "incomplete_cholesky", "none"}},
+       .doc = "approximate inverse that speeds up convergence; amg is algebraic multigrid and needs PETSc",
+       .choices = {"diagonal", "incomplete_cholesky", "amg", "none"}},
       {.name = "tolerance", .value = 1e-10, .doc = "relative residual to stop at", .min = 1e-16, .max = 1.0},
       {.name = "max_iterations",
        .value = std::int64_t{0},
        .doc = "per right-hand side; 0: twice the number of unknowns",
        .min = 0.0,
        .max = 1e9},
+      {.name = "multigrid",
+       .value = std::string("boomeramg"),
+       .doc = "amg only: hypre's classical coarsening or PETSc's smoothed aggregation",
+       .choices = {"boomeramg", "gamg"}},
+      {.name = "block_size",
+       .value = std::int64_t{1},
+       .doc = "amg only: unknowns per vertex, d for coupled energies",
+       .min = 1.0,
+       .max = 64.0},
+      {.name = "multigrid_options",
+       .value = std::string(),
+       .doc = "amg only: options of PETSc, as \"-pc_hypre_boomeramg_strong_threshold 0.5\""},
   };
   entry.make = [name = entry.name](const Parameters& parameters) -> std::unique_ptr<LinearBackend> {
     const CgOptions options{parameters.number("tolerance"), static_cast<Index>(parameters.integer("max_iterations"))};
-    const std::string& preconditioner = parameters.string("preconditioner");
-    if (preconditioner == "incomplete_cholesky") {
-      // Natural ordering: a fill-reducing one costs iterations here, as no fill is allowed anyway.
-      using Incomplete = Eigen::IncompleteCholesky<double, Eigen::Lower, Eigen::NaturalOrdering<Index>>;
-      return std::make_unique<ConjugateGradients<Incomplete>>(name, options);
-    }
-    if (preconditioner == "none") {
-      return std::make_unique<ConjugateGradients<Eigen::IdentityPreconditioner>>(name, options);
-    }
-    return std::make_unique<ConjugateGradients<Eigen::DiagonalPreconditioner<double>>>(name, options);
+    return std::make_unique<ConjugateGradients>(name, options, make_preconditioner(parameters));
   };
   return entry;
 }

@@ -32,6 +32,7 @@ class EigenLu final : public LinearBackend {
       fail(fmt::format("the {} x {} matrix is singular: {}", matrix().rows(), matrix().cols(), message));
     }
     mutable_report().nnz_factor = lu_.nnzL() + lu_.nnzU();
+    mutable_report().peak_memory = (sizeof(double) + sizeof(Index)) * static_cast<double>(lu_.nnzL() + lu_.nnzU());
   }
 
   Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override { return lu_.solve(B); }

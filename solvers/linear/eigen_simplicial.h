@@ -57,6 +57,9 @@ class EigenSimplicial final : public LinearBackend {
     }
     mutable_report().nnz_factor = L.outerIndexPtr()[L.cols()] + (kUnitDiagonal ? L.cols() : 0);
     mutable_report().flops = flops;
+    const double entry = sizeof(double) + sizeof(Index);  // of the factor, and of the permuted matrix beside it
+    mutable_report().peak_memory =
+        entry * (static_cast<double>(mutable_report().nnz_factor) + static_cast<double>(matrix().nonZeros()));
   }
 
   Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override { return factorization_.solve(B); }

@@ -14,10 +14,12 @@
   X(eigen_llt)                      \
   X(eigen_cg)                       \
   X(eigen_lu)                       \
+  X(eigen_qr)                       \
   X(cholmod_simplicial)             \
   X(cholmod_supernodal)             \
   X(umfpack)                        \
-  X(spqr)
+  X(spqr)                           \
+  X(petsc)
 
 namespace variform {
 
@@ -31,10 +33,10 @@ namespace {
 LinearBackendEntry completed(LinearBackendEntry entry) {
   entry.available = static_cast<bool>(entry.make);
   if (!entry.available) {
-    entry.make = [name = entry.name, package = entry.package](const Parameters&) -> std::unique_ptr<LinearBackend> {
-      throw UsageError(
-          fmt::format("linear backend '{}' is not compiled in; install {} and configure with VARIFORM_SUITESPARSE=ON",
-                      name, package));
+    entry.make = [name = entry.name, package = entry.package,
+                  option = entry.option](const Parameters&) -> std::unique_ptr<LinearBackend> {
+      throw UsageError(fmt::format("linear backend '{}' is not compiled in; install {} and configure with {}=ON", name,
+                                   package, option));
     };
   }
   return entry;

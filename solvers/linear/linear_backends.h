@@ -20,6 +20,7 @@ struct LinearBackendEntry {
   LinearCapabilities capabilities = {};
   bool available = true;     ///< compiled in; the registry clears it where describe_<name>() leaves make empty
   std::string package = {};  ///< Debian package that brings it, for the message when it is not available
+  std::string option = {};   ///< of CMake, that switches it on
   std::string licence = {};  ///< of what it links to, as SPDX writes it
   std::vector<Parameter> parameters = {};
   std::function<std::unique_ptr<LinearBackend>(const Parameters&)> make = {};

@@ -98,6 +98,7 @@ LinearBackendEntry describe_spqr() {
   entry.doc = "multifrontal QR by BLAS: least squares without squaring the condition number";
   entry.capabilities = kCapabilities;
   entry.package = "libsuitesparse-dev";
+  entry.option = "VARIFORM_SUITESPARSE";
   entry.licence = "GPL-2.0-or-later";
 #ifdef VARIFORM_WITH_SUITESPARSE
   entry.make = [name = entry.name](const Parameters&) { return std::make_unique<Spqr>(name); };

@@ -100,6 +100,7 @@ LinearBackendEntry describe_umfpack() {
   entry.doc = "multifrontal LU by BLAS";
   entry.capabilities = kCapabilities;
   entry.package = "libsuitesparse-dev";
+  entry.option = "VARIFORM_SUITESPARSE";
   entry.licence = "GPL-2.0-or-later";
 #ifdef VARIFORM_WITH_SUITESPARSE
   entry.make = [name = entry.name](const Parameters&) { return std::make_unique<Umfpack>(name); };
