@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -10,11 +11,13 @@
 #include "experiments/cli/commands.h"
 #include "experiments/pipelines.h"
 #include "framework/domain/check.h"
+#include "framework/domain/generators.h"
 #include "framework/domain/mesh_io.h"
 #include "framework/domain/quality.h"
 #include "framework/experiment/config_keys.h"
 #include "framework/experiment/domain_source.h"
 #include "framework/experiment/viewer.h"
+#include "framework/form/problem_objective.h"
 #include "solvers/linear/blas.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
@@ -26,11 +29,13 @@ namespace fs = std::filesystem;
 
 // GPL as soon as a backend that is GPL is linked in.
 std::string effective_licence() {
-  for (const LinearBackendEntry& entry : linear_backends().entries()) {
-    if (entry.available && entry.licence.find("GPL-2.0") != std::string::npos &&
-        entry.licence.find("LGPL") == std::string::npos) {
-      return "GPL-2.0-or-later (SuiteSparse is linked in; the sources of variform are BSD-3-Clause)";
-    }
+  const auto gpl = [](const auto& entry) {
+    return entry.available && entry.licence.find("GPL-2.0") != std::string::npos &&
+           entry.licence.find("LGPL") == std::string::npos;
+  };
+  if (std::ranges::any_of(linear_backends().entries(), gpl) ||
+      std::ranges::any_of(nonlinear_backends().entries(), gpl)) {
+    return "GPL-2.0-or-later (SuiteSparse is linked in; the sources of variform are BSD-3-Clause)";
   }
   return "BSD-3-Clause (no SuiteSparse; Eigen is MPL-2.0)";
 }
@@ -46,6 +51,41 @@ void list_parameters(const std::vector<Parameter>& parameters) {
     if (!p.choices.empty()) accepted = fmt::format("{}", fmt::join(p.choices, " | "));
     fmt::print("      {} = {}    {} ({})\n", p.name, to_string(p.value), p.doc, accepted);
   }
+}
+
+// ARAP on a strip whose ends are pulled apart, with each nonlinear backend.
+bool try_nonlinear_backends() {
+  const Domain domain(rectangle_mesh({.width = 1.0, .height = 0.5, .h = 0.25}));
+  const EnergyEntry& arap = energies().find("arap");
+  const auto energy = arap.make(Parameters(arap.parameters));
+  Constraints constraints(domain.vertex_count(), 2);
+  for (Index v = 0; v < domain.vertex_count(); ++v) {
+    const double x = domain.positions()(v, 0);
+    if (x == 0.0 || x == 1.0) constraints.fix(v, domain.positions().row(v) + Eigen::RowVector2d(0.3 * x, 0.2 * x));
+  }
+  bool well = true;
+  for (const NonlinearBackendEntry& entry : nonlinear_backends().entries()) {
+    if (!entry.available) {
+      fmt::print("{}: not in this build; install {} and configure again\n", entry.name, entry.package);
+      well = false;
+      continue;
+    }
+    try {
+      Problem problem(domain, *energy, {.beta = 0.2}, constraints);
+      const auto linear = make_linear_backend("eigen.ldlt");
+      ProblemObjective objective(problem, *linear);
+      const auto backend = make_nonlinear_backend(entry.name);
+      backend->minimize(objective, closest_feasible(constraints, domain.positions()), {.max_iterations = 5000});
+      const NonlinearReport& report = backend->report();
+      fmt::print("{}: {} ({} iterations, {})\n", entry.name, report.converged ? "works" : "FAILS", report.iterations,
+                 report.reason);
+      well = well && report.converged;
+    } catch (const Error& error) {
+      fmt::print("{}: FAILS: {}\n", entry.name, error.what());
+      well = false;
+    }
+  }
+  return well;
 }
 
 }  // namespace
@@ -75,7 +115,8 @@ ExitCode list(const std::string& what) {
     }
     fmt::print("nonlinear backends ([solver] nonlinear)\n");
     for (const NonlinearBackendEntry& e : nonlinear_backends().entries()) {
-      fmt::print("  {:<22}{}\n", e.name, e.doc);
+      fmt::print("  {:<22}{}{}\n", e.name, e.doc,
+                 e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
       list_parameters(e.parameters);
     }
   }
@@ -194,6 +235,7 @@ ExitCode doctor() {
       well = false;
     }
   }
+  well = try_nonlinear_backends() && well;
   const bool plots = std::system("command -v gnuplot > /dev/null 2>&1") ==
                      0;  // NOLINT(bugprone-command-processor,cert-env33-c): fixed text
   fmt::print("gnuplot: {}\n", plots ? "found" : "not found: line plots are left out (package gnuplot-nox)");

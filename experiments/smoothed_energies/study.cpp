@@ -60,6 +60,10 @@ std::vector<Parameter> solver_parameters(const std::vector<std::string>& starts)
        .doc = "nonlinear backend",
        .choices = nonlinear_backends().names()},
       {.name = "tolerance", .value = 1e-6, .doc = "largest step at convergence, relative to the diameter", .min = 0.0},
+      {.name = "gradient_tolerance",
+       .value = NonlinearOptions().gradient_tolerance,
+       .doc = "largest gradient at convergence, in the 1-norm times diameter by energy; alternations ignore it",
+       .min = 0.0},
       {.name = "max_iterations", .value = std::int64_t{500}, .doc = "of the nonlinear backend", .min = 1.0, .max = 1e9},
       {.name = "start", .value = starts.front(), .doc = "where nonlinear backends start", .choices = starts}};
 }
@@ -222,8 +226,12 @@ SolverChoice read_solver(const Config& config, const std::vector<std::string>& s
   SolverChoice solver;
   const auto make_linear = [&] { return make_linear_backend(linear.name, linear_options); };
   solver.linear = node && node->has("linear") ? node->at("linear").located(make_linear) : make_linear();
-  solver.nonlinear = nonlinear.make(options_of("nonlinear_options", nonlinear.parameters));
-  solver.options = {p.number("tolerance"), static_cast<int>(p.integer("max_iterations"))};
+  const Parameters nonlinear_options = options_of("nonlinear_options", nonlinear.parameters);
+  const auto make_nonlinear = [&] { return nonlinear.make(nonlinear_options); };
+  solver.nonlinear = node && node->has("nonlinear") ? node->at("nonlinear").located(make_nonlinear) : make_nonlinear();
+  solver.options = {.tolerance = p.number("tolerance"),
+                    .max_iterations = static_cast<int>(p.integer("max_iterations")),
+                    .gradient_tolerance = p.number("gradient_tolerance")};
   solver.start = p.string("start");
   return solver;
 }

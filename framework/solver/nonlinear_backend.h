@@ -96,8 +96,8 @@ double stationarity(const Objective& objective, const Eigen::VectorXd& gradient,
 /// methods stop by the step, too, where it is that of the whole model. Steps of first-order methods tell nothing.
 struct NonlinearOptions {
   double tolerance = 1e-6;  ///< stop when no coordinate moves more than this times the length scale, by a whole step
-  double gradient_tolerance = 1e-4;  ///< stop when stationarity() is at most this
   int max_iterations = 500;
+  double gradient_tolerance = 1e-4;  ///< stop when stationarity() is at most this
 };
 
 /// One row of the convergence history; row 0 is the start.

@@ -21,8 +21,7 @@ namespace variform {
 #ifdef VARIFORM_WITH_CERES
 namespace {
 
-// f, and false beyond a barrier, which shortens the step. Ceres keeps the line search away from what throws by this,
-// too.
+// f, and false beyond a barrier, which shortens the step. The last point with gradient is kept for the history.
 class Function final : public ceres::FirstOrderFunction {
  public:
   Function(const ScaledObjective& objective, std::exception_ptr& error) : objective_(objective), error_(error) {}
@@ -31,12 +30,14 @@ class Function final : public ceres::FirstOrderFunction {
 
   bool Evaluate(const double* parameters, double* cost, double* gradient) const override {
     try {
-      const Matrix U = objective_.state(Eigen::Map<const Eigen::VectorXd>(parameters, objective_.size()));
-      *cost = objective_.value(objective_.objective().value(U));
+      const Eigen::Map<const Eigen::VectorXd> x(parameters, objective_.size());
+      const Matrix U = objective_.state(x);
+      const EnergyValue energy = objective_.objective().value(U);
+      *cost = objective_.value(energy);
       if (!std::isfinite(*cost)) return false;
       if (gradient != nullptr) {
-        Eigen::Map<Eigen::VectorXd>(gradient, objective_.size()) =
-            objective_.gradient(objective_.objective().gradient(U));
+        last_ = {x, energy, objective_.objective().gradient(U)};
+        Eigen::Map<Eigen::VectorXd>(gradient, objective_.size()) = objective_.gradient(last_.gradient);
       }
       return true;
     } catch (...) {
@@ -45,9 +46,17 @@ class Function final : public ceres::FirstOrderFunction {
     }
   }
 
+  struct Point {
+    Eigen::VectorXd x = {};
+    EnergyValue energy = {};
+    Eigen::VectorXd gradient = {};  // by the variables
+  };
+  const Point& last() const { return last_; }
+
  private:
   const ScaledObjective& objective_;
   std::exception_ptr& error_;
+  mutable Point last_;
 };
 
 class CeresLineSearch final : public LibraryBackend, private ceres::IterationCallback {
@@ -76,7 +85,9 @@ class CeresLineSearch final : public LibraryBackend, private ceres::IterationCal
     error_ = {};
     objective_ = &objective;
     x_ = objective.start();
-    ceres::GradientProblem problem(new Function(objective, error_));
+    auto* function = new Function(objective, error_);
+    function_ = function;
+    ceres::GradientProblem problem(function);
     ceres::GradientProblemSolver::Options options = options_;
     options.callbacks.push_back(this);
     ceres::GradientProblemSolver::Summary summary;
@@ -91,7 +102,10 @@ class CeresLineSearch final : public LibraryBackend, private ceres::IterationCal
     if (error_) return ceres::SOLVER_ABORT;
     if (summary.iteration == 0) return ceres::SOLVER_CONTINUE;
     try {
-      return reached(*objective_, x_) ? ceres::SOLVER_CONTINUE : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
+      const Function::Point& known = function_->last();
+      const bool go_on =
+          known.x == x_ ? reached(*objective_, x_, known.energy, known.gradient) : reached(*objective_, x_);
+      return go_on ? ceres::SOLVER_CONTINUE : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
     } catch (...) {
       error_ = std::current_exception();
       return ceres::SOLVER_ABORT;
@@ -100,6 +114,7 @@ class CeresLineSearch final : public LibraryBackend, private ceres::IterationCal
 
   ceres::GradientProblemSolver::Options options_;
   const ScaledObjective* objective_ = nullptr;
+  const Function* function_ = nullptr;  // owned by the problem
   Eigen::VectorXd x_;
   std::exception_ptr error_;
 };

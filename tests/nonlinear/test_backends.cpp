@@ -232,7 +232,7 @@ TEST(LibraryBackends, StayOnThisSideOfABarrier) {
     SCOPED_TRACE(entry.name);
     Barrier objective;
     const auto backend = make_nonlinear_backend(entry.name);
-    const Matrix U = backend->minimize(objective, kFar, {.gradient_tolerance = 1e-5, .max_iterations = 2000});
+    const Matrix U = backend->minimize(objective, kFar, {.max_iterations = 2000, .gradient_tolerance = 1e-5});
     EXPECT_TRUE(backend->report().converged) << backend->report().reason;
     EXPECT_LT((U.array() - 1.0).abs().maxCoeff(), 1e-4);
     EXPECT_GT(objective.lowest, 0.0);
