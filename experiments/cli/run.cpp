@@ -9,11 +9,13 @@
 #include <iostream>
 #include <iterator>
 #include <new>
+#include <optional>
 
 #include "experiments/cli/commands.h"
 #include "experiments/cli/progress_bar.h"
 #include "experiments/pipelines.h"
 #include "framework/domain/mesh_io.h"
+#include "framework/experiment/config_keys.h"
 #include "framework/experiment/runner.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
@@ -68,6 +70,18 @@ ConfigValue range_of(const ConfigValue& value) {
   return {range, 0};
 }
 
+// The kind that a config says or, where it has swept keys, means.
+std::optional<std::string> swept_kind(const Config& config) {
+  if (!config.root().has("sweep")) return std::nullopt;
+  const ConfigNode sweep = config.root().at("sweep");
+  if (sweep.has("kind")) return sweep.at("kind").string();
+  const std::vector<std::string> reserved = config_section("[sweep]").names();
+  for (const ConfigNode& child : sweep.children()) {
+    if (std::find(reserved.begin(), reserved.end(), child.name()) == reserved.end()) return "grid";
+  }
+  return std::nullopt;
+}
+
 void add_sweep(const RunArguments& arguments, Config& config) {
   const SweepOption options[] = {{"--grid", "grid", &arguments.grid, false},
                                  {"--zip", "zip", &arguments.zip, false},
@@ -80,8 +94,7 @@ void add_sweep(const RunArguments& arguments, Config& config) {
     chosen = &option;
   }
   if (chosen != nullptr) {
-    const bool has_sweep = config.root().has("sweep") && !config.root().at("sweep").children().empty();
-    const std::string kind = has_sweep ? config.root().at("sweep").string_or("kind", "grid") : chosen->kind;
+    const std::string kind = swept_kind(config).value_or(chosen->kind);
     if (kind != chosen->kind) {
       throw UsageError(
           fmt::format("{}: the config sweeps by kind = \"{}\"; --set sweep={{}} takes that away", chosen->name, kind));

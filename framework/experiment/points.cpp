@@ -233,15 +233,19 @@ class PointRun {
     const auto finished = [&](std::size_t number, const ProcessResult& end) {
       const int i = left[number];
       Point& point = points_[static_cast<std::size_t>(i)];
-      if (end.outcome == ProcessOutcome::interrupted) return;
-      if (end.outcome == ProcessOutcome::ok) {
+      std::optional<PointResult> result;
+      // Between its last file and its end it may be interrupted, too.
+      if (end.outcome == ProcessOutcome::ok || end.outcome == ProcessOutcome::interrupted) {
+        result = take_point(PointFiles(options_.folder, i), keys_(config_of(i)));
+      }
+      if (result) {
         // What a library writes there is seen as if it had been written by this process.
         if (!end.error.empty()) std::fwrite(end.error.data(), 1, end.error.size(), stderr);
-        std::optional<PointResult> result = take_point(PointFiles(options_.folder, i), keys_(config_of(i)));
-        if (result)
-          keep(std::move(*result), options_.figures, point);
-        else
-          fail(ProcessOutcome::failed, ExitCode::data, "its files are not there or not its own", point);
+        keep(std::move(*result), options_.figures, point);
+      } else if (end.outcome == ProcessOutcome::interrupted) {
+        return;
+      } else if (end.outcome == ProcessOutcome::ok) {
+        fail(ProcessOutcome::failed, ExitCode::data, "its files are not there or not its own", point);
       } else {
         const bool is_known =
             end.exit_code == static_cast<int>(ExitCode::usage) || end.exit_code == static_cast<int>(ExitCode::data);

@@ -62,8 +62,9 @@ std::vector<Row> load_rows(const std::filesystem::path& file) {
   std::ifstream stream(file);
   if (!stream) throw DataError(fmt::format("{}: cannot be read; expected the folder of a finished run", file.string()));
   try {
+    const auto json = nlohmann::ordered_json::parse(stream);
     std::vector<Row> rows;
-    for (const nlohmann::ordered_json& object : nlohmann::ordered_json::parse(stream).at("rows")) {
+    for (const nlohmann::ordered_json& object : json.at("rows")) {
       Row row;
       for (const auto& [key, value] : object.items()) {
         if (value.is_boolean()) {

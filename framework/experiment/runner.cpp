@@ -289,7 +289,10 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   add_provenance(config, watch.seconds(), record);
   std::vector<std::string> columns = plan.columns;
   if (columns.empty() && plan.backends) columns = comparison_columns();
-  if (!columns.empty()) columns.insert(columns.begin(), record.swept.begin(), record.swept.end());
+  if (!columns.empty()) {
+    if (record.failure != ExitCode::done) columns.insert(columns.begin(), {"status", "reason"});
+    columns.insert(columns.begin(), record.swept.begin(), record.swept.end());
+  }
   write_record(record, options.folder, columns);
   return record;
 }

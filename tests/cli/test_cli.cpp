@@ -16,6 +16,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <map>
+#include <random>
 #include <regex>
 #include <sstream>
 #include <thread>
@@ -33,6 +34,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::testing::Contains;
+using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
@@ -817,6 +819,208 @@ const std::string kClaim =
 const std::string kFalseClaim = "[[claim]]\ntext = \"more vertices\"\nmetric = \"vertices\"\nis = \"> 25\"\n";
 const std::string kVoidClaim =
     "[[claim]]\ntext = \"void\"\nmetric = \"vertices\"\nwhere = \"vertices < 0\"\nis = \"> 25\"\n";
+
+/// Rows without the columns that no two runs share.
+nlohmann::json untimed(nlohmann::json rows) {
+  for (nlohmann::json& row : rows) {
+    std::vector<std::string> times;
+    for (const auto& [key, value] : row.items()) {
+      if (key.rfind("seconds_", 0) == 0) times.push_back(key);
+    }
+    EXPECT_FALSE(times.empty());
+    for (const std::string& key : times) row.erase(key);
+  }
+  return rows;
+}
+
+TEST_F(Cli, SweepsOfOtherKindsComeFromTheCommandLine) {
+  write("study.toml", kStudy);
+  const auto sweep = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"sweep", "{}/study.toml", "--out", "{}/out", "--no-figures", "--quiet"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return call(arguments);
+  };
+  ASSERT_EQ(sweep({"--zip", "norm.beta=[0, 0.2]", "--zip", "energy.type=[\"asap\", \"larap\"]"}).code, 0);
+  nlohmann::json rows = record()["rows"];
+  ASSERT_EQ(rows.size(), 2u);
+  EXPECT_EQ(rows[1]["norm.beta"], 0.2);
+  EXPECT_EQ(rows[1]["energy.type"], "larap");
+
+  for (const std::string option : {"--random", "--lhs"}) {
+    const Result result = sweep({option, "norm.beta={ min = 0.01, max = 0.5, scale = \"log\" }", option,
+                                 "energy.type=[\"asap\", \"larap\"]", option, "domain.h=[0.25, 0.5]", "--samples", "4",
+                                 "--seed", "5", "--set", "sweep.seed_key=domain.seed"});
+    EXPECT_EQ(result.code, 0) << result.err;
+    rows = record()["rows"];
+    ASSERT_EQ(rows.size(), 4u);
+    std::map<std::string, int> types;
+    for (const nlohmann::json& row : rows) {
+      EXPECT_TRUE(row["norm.beta"] >= 0.01 && row["norm.beta"] <= 0.5);
+      EXPECT_TRUE(row["domain.h"] >= 0.25 && row["domain.h"] <= 0.5);
+      EXPECT_TRUE(row["seed"].is_number_integer());
+      ++types[row["energy.type"]];
+    }
+    if (option == "--lhs") {
+      EXPECT_EQ(types["asap"], 2);
+    }
+  }
+  // The config of the record runs to the same table.
+  write("again.toml", record()["config"]);
+  ASSERT_EQ(call({"run", "{}/again.toml", "--out", "{}/again", "--no-figures", "--quiet"}).code, 0);
+  EXPECT_EQ(untimed(record("again")["rows"]), untimed(rows));
+
+  EXPECT_THAT(sweep({"--zip", "norm.beta=[0]", "--grid", "norm.beta=[1]"}).err,
+              HasSubstr("--grid and --zip cannot be mixed"));
+  EXPECT_THAT(sweep({"--random", "norm.beta"}).err, HasSubstr("--random norm.beta: expected key=[low, high]"));
+  EXPECT_THAT(sweep({"--random", "norm.beta=[0, 0.5]"}).err, HasSubstr("'samples' is missing"));
+  write("study.toml", kStudy + "[sweep]\n\"norm.beta\" = [0, 0.2]\n");
+  EXPECT_THAT(sweep({"--zip", "norm.beta=[0]"}).err, HasSubstr("--zip: the config sweeps by kind = \"grid\""));
+}
+
+TEST_F(Cli, TheTableDoesNotDependOnTheNumberOfJobs) {
+  write("study.toml",
+        kStudy + "[sweep]\n\"norm.beta\" = [0, 0.1, 0.2, 0.3, 0.4]\n\"energy.type\" = [\"asap\", \"arap\"]\n");
+  std::map<std::string, nlohmann::json> rows;
+  for (const std::string jobs : {"0", "1", "2"}) {
+    ASSERT_EQ(run_study({"--jobs", jobs, "--quiet"}).code, 0);
+    rows[jobs] = untimed(record()["rows"]);
+    EXPECT_EQ(rows[jobs], rows["0"]) << jobs << " jobs";
+  }
+  EXPECT_EQ(rows["2"].size(), 10u);
+}
+
+TEST_F(Cli, PointsWithoutResultAreRowsAndTheExitCodeSaysSo) {
+  write("study.toml", kStudy + "[sweep]\n\"solver.linear_options.max_iterations\" = [1, 1000]\n");
+  const Result result = run_study({"--set", "solver.linear=eigen.cg"});
+  EXPECT_EQ(result.code, 4);
+  EXPECT_THAT(result.err, HasSubstr("warning: max_iterations = 1: failed: linear backend 'eigen.cg': no convergence"));
+  const nlohmann::json rows = record()["rows"];
+  EXPECT_EQ(rows[0]["status"], "failed");
+  EXPECT_FALSE(rows[0].contains("energy"));
+  EXPECT_EQ(rows[1]["status"], "ok");
+  EXPECT_TRUE(rows[1].contains("energy"));
+  EXPECT_THAT(result.out, HasSubstr("| failed | linear backend 'eigen.cg'"));
+  EXPECT_THAT(content_of(at("out/table.csv")), HasSubstr("1,failed,\"linear backend 'eigen.cg': no convergence"));
+}
+
+TEST_F(Cli, LimitsHoldForEveryPoint) {
+  write("study.toml", kStudy + "[sweep]\n\"domain.h\" = [0.25, 0.002]\n");
+  const Result result = run_study(
+      {"--time-limit", "0.5", "--set", "constraint[0].vertices=[0, 1]", "--set", "constraint[1].vertices=[2, 3]"});
+  EXPECT_EQ(result.code, 4);
+  EXPECT_EQ(record()["rows"][0]["status"], "ok") << result.err;
+  EXPECT_EQ(record()["rows"][1]["status"], "timed_out");
+  EXPECT_EQ(record()["rows"][1]["reason"], "more than 0.5 s");
+  write("study.toml", kStudy);
+  const Result single = run_study({"--memory-limit", "1"});
+  EXPECT_EQ(single.code, 4);
+  EXPECT_THAT(single.err, HasSubstr("error: out_of_memory: more than 1 MiB"));
+  EXPECT_THAT(run_study({"--memory-limit", "1", "--jobs", "0"}).err, HasSubstr("need processes"));
+  EXPECT_EQ(run_study({"--memory-limit", "-1"}).code, 2);
+}
+
+TEST_F(Cli, TablePivotsAFinishedRun) {
+  write("study.toml", kStudy + "[sweep]\n\"norm.beta\" = [0, 0.2]\n\"energy.type\" = [\"asap\", \"larap\"]\n");
+  ASSERT_EQ(run_study({"--quiet"}).code, 0);
+  const auto table = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {"table", "{}/out"});
+    return call(more);
+  };
+  const nlohmann::json rows = record()["rows"];
+  const Result csv = table({"--rows", "norm.beta", "--columns", "energy.type", "--value", "energy", "--format", "csv"});
+  EXPECT_EQ(csv.code, 0) << csv.err;
+  EXPECT_EQ(csv.out, fmt::format("norm.beta,energy.type = asap,energy.type = larap\r\n0,{},{}\r\n0.2,{},{}\r\n",
+                                 rows[0]["energy"].get<double>(), rows[1]["energy"].get<double>(),
+                                 rows[2]["energy"].get<double>(), rows[3]["energy"].get<double>()));
+  EXPECT_THAT(table({"--rows", "norm.beta,energy.type", "--value", "flipped"}).out,
+              StartsWith("flipped\n\n| norm.beta |"));
+  EXPECT_THAT(table({"--rows", "norm.beta", "--value", "energy", "--aggregate", "max", "--format", "tex"}).out,
+              HasSubstr("\\caption{max of energy}"));
+  EXPECT_EQ(nlohmann::json::parse(table({"--format", "json"}).out), rows) << "without keys: all rows";
+  EXPECT_THAT(table({"--rows", "norm.beta", "--value", "energy"}).err, HasSubstr("2 rows for norm.beta = 0"));
+  const Result unknown = table({"--rows", "norm.bet", "--value", "energy"});
+  EXPECT_EQ(unknown.code, 2);
+  EXPECT_THAT(unknown.err, HasSubstr("no row has 'norm.bet' (did you mean 'norm.beta'?); accepted: keys of the rows"));
+  EXPECT_EQ(table({"--rows", "norm.beta"}).code, 2) << "no value";
+  EXPECT_EQ(call({"table", "{}/nowhere", "--rows", "a", "--value", "b"}).code, 3);
+}
+
+TEST_F(Cli, ListNamesTheKeysOfTheCommonSections) {
+  const Result result = call({"list", "config"});
+  EXPECT_EQ(result.code, 0);
+  for (const char* text : {"[[constraint]]", "[sweep]", "[output]", "[[claim]]", "[[plot]]", "[bisect]", "[compare]",
+                           "relative_to", "max_panels", "seed_key", "quantifier", "log_x", "reference"}) {
+    EXPECT_THAT(result.out, HasSubstr(text));
+  }
+  EXPECT_THAT(call({"list"}).out, HasSubstr("[[claim]]"));
+}
+
+TEST_F(Cli, TwoRunsDoNotShareAFolder) {
+  write("study.toml", kStudy + "[sweep]\n\"norm.beta\" = [0, 0.2]\n");
+  const Process first = start({"run", "{}/study.toml", "--out", "{}/out", "--no-figures", "--set", "domain.h=0.002",
+                               "--set", "constraint[0].vertices=[0, 1]", "--set", "constraint[1].vertices=[2, 3]"});
+  for (int i = 0; i < 6000 && !fs::exists(at("out/points")); ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  const Result second = run_study();
+  EXPECT_EQ(second.code, 2);
+  EXPECT_THAT(second.err, ContainsRegex("out: another run \\(process [0-9]+\\) is writing to this folder"));
+  first.signal(SIGINT);
+  EXPECT_EQ(first.wait(), 128 + SIGINT) << "in the middle of a point";
+  EXPECT_EQ(run_study().code, 0);
+}
+
+/// The file of every point that is finished, with its content.
+std::map<std::string, std::string> checkpoints_in(const fs::path& folder) {
+  std::map<std::string, std::string> checkpoints;
+  if (!fs::exists(folder)) return checkpoints;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (entry.path().extension() == ".json") checkpoints[entry.path().filename()] = content_of(entry.path());
+  }
+  return checkpoints;
+}
+
+TEST_F(Cli, ASweepKilledTenTimesAndResumedEndsInTheTableOfAnUndisturbedOne) {
+  constexpr int kPoints = 200;
+  constexpr int kKills = 10;
+  std::string betas = "0";
+  for (int i = 1; i < kPoints; ++i) betas += fmt::format(", {}", i / 300.0);
+  write("study.toml", kStudy + kClaim + "[sweep]\n\"norm.beta\" = [" + betas + "]\n");
+  ASSERT_EQ(call({"run", "{}/study.toml", "--out", "{}/whole", "--no-figures", "--quiet", "--jobs", "2"}).code, 0);
+
+  const std::vector<std::string> resume = {"run",     "{}/study.toml", "--out", "{}/out",  "--no-figures",
+                                           "--quiet", "--jobs",        "2",     "--resume"};
+  std::mt19937 random(1);
+  std::map<std::string, std::string> finished;
+  for (int i = 0; i < kKills; ++i) {
+    const Process process = start(resume);
+    // Somewhere in the next part of the points, and at any moment of a point.
+    const std::size_t target = finished.size() + 1 + random() % (kPoints / kKills - 4);
+    for (int k = 0; k < 20000 && checkpoints_in(at("out/points")).size() < target; ++k) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    std::this_thread::sleep_for(std::chrono::microseconds(random() % 20000));
+    process.signal(SIGKILL);
+    ASSERT_EQ(process.wait(), -SIGKILL) << "it ended before it could be killed";
+    const std::map<std::string, std::string> now = checkpoints_in(at("out/points"));
+    EXPECT_GE(now.size(), target);
+    for (const auto& [name, content] : finished) {
+      EXPECT_EQ(now.at(name), content) << "a finished point was run again";
+    }
+    finished = now;
+    EXPECT_FALSE(fs::exists(at("out/record.json")));
+  }
+  EXPECT_LT(finished.size(), static_cast<std::size_t>(kPoints));
+  const Result result = call(resume);
+  ASSERT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(record()["rows"].size(), static_cast<std::size_t>(kPoints));
+  EXPECT_EQ(untimed(record()["rows"]), untimed(record("whole")["rows"]));
+  EXPECT_EQ(record()["claims"], record("whole")["claims"]);
+  for (const auto& [name, content] : finished) EXPECT_EQ(content_of(at("out/points/" + name)), content) << name;
+  for (const auto& entry : fs::recursive_directory_iterator(at("out"))) {
+    EXPECT_NE(entry.path().extension(), ".tmp") << entry.path() << " was left by a writer that was killed";
+  }
+}
 
 TEST_F(Cli, ReproduceAnswersByItsClaims) {
   write("good/study.toml", kStudy + kClaim);
