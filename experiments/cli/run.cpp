@@ -159,6 +159,10 @@ std::vector<ConfigValue> variants(const CompareArguments& arguments) {
 
 void set_backends(const CompareArguments& arguments, Config& config) {
   if (!arguments.linear.empty() || !arguments.nonlinear.empty()) {
+    // What another kind of experiment states, draws and searches is not about backends.
+    if (!config.root().has("backends")) {
+      for (const char* section : {"claim", "plot", "compare", "bisect", "output"}) config.erase(section);
+    }
     config.set("backends.variant", {variants(arguments), 0});
   } else if (!config.root().has("backends")) {
     throw UsageError(fmt::format("{}: nothing to compare: the config has no [backends]; give --linear or --nonlinear",
