@@ -70,7 +70,8 @@ class Problem {
   /// Throws SolverError as LinearBackend does.
   Matrix solve(LinearBackend& backend);
 
-  /// E, E_P, E_R and the penalty of soft constraints at U with the current targets.
+  /// E, E_P, E_R and the penalty of soft constraints at U with the current targets. E and E_P are infinite when these
+  /// are of a state beyond a barrier.
   EnergyValue value(const Matrix& U) const;
   /// r(U) with the current targets, sites x (n columns).
   Matrix residual(const Matrix& U) const;
@@ -86,10 +87,13 @@ class Problem {
   const ProblemTimes& times() const { return times_; }
 
  private:
-  friend class LinearizedProblem;  // its phases count, too
+  friend class QuadraticModel;  // its phases count, too
+  friend class NewtonModel;
   // The norm of the energy's term: W_n, or (1-beta) times the plain one when another term is blended in.
   std::unique_ptr<Norm> residual_norm(bool blended) const;
   std::optional<Term> own_regularizer() const;
+  // The part of W_n that beta weighs.
+  std::unique_ptr<Norm> variation_norm() const;
   void check_norm() const;
   const Norm& half_norm() const;  // tells E_R where beta = 0 leaves it out
   void ensure_pattern();

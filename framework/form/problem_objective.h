@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "framework/form/linearized_problem.h"
+#include "framework/form/newton_model.h"
 #include "framework/form/problem.h"
 #include "framework/solver/nonlinear_backend.h"
 
@@ -17,6 +18,10 @@ class ProblemObjective final : public Objective {
   EnergyValue value(const Matrix& U) override;
   Matrix local_global_step(const Matrix& U) override;
   Direction gauss_newton(const Matrix& U, double damping) override;
+  Direction newton(const Matrix& U, double damping) override;
+  double longest_step(const Matrix& U, const Matrix& step) override;
+  /// DataError with the number of inverted cells where the energy is infinite.
+  void check_start(const Matrix& U) override;
   Matrix coupled_step(const Matrix& U) override;
   EnergyValue value_at_targets(const Matrix& U) override { return problem_.value(U); }
   double length_scale() const override { return problem_.domain().diameter(); }
@@ -28,6 +33,7 @@ class ProblemObjective final : public Objective {
   Problem& problem_;
   LinearBackend& backend_;
   std::unique_ptr<LinearizedProblem> linearized_;  // made when first asked for
+  std::unique_ptr<NewtonModel> newton_;            // likewise
   Index undefined_targets_ = 0;
 };
 

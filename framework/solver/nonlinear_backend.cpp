@@ -20,6 +20,7 @@ namespace {
 
 }  // namespace
 
+void Objective::check_start(const Matrix&) {}
 Eigen::VectorXd Objective::variables(const Matrix&) { offers_none("variables"); }
 Matrix Objective::state(const Eigen::VectorXd&) { offers_none("variables"); }
 Eigen::VectorXd Objective::gradient(const Matrix&) { offers_none("gradient"); }
@@ -50,6 +51,7 @@ Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const 
   report_ = {};
   report_.backend = name;
   stopped_ = false;
+  objective.check_start(U0);
   start();
   Matrix U = U0;
   report_.history.push_back({0, value(objective, U), 0.0, watch.seconds()});
