@@ -5,6 +5,7 @@
 #define VARIFORM_NONLINEAR_BACKENDS(X) \
   X(local_global)                      \
   X(gauss_newton)                      \
+  X(newton)                            \
   X(coupled)
 
 namespace variform {
