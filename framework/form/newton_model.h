@@ -18,13 +18,12 @@ class NewtonModel : private QuadraticModel {
   /// The problem must outlive this and keep its beta. Throws UsageError unless its energy is a TargetEnergy.
   explicit NewtonModel(Problem& problem);
 
-  /// Derivative of the objective at U by its coordinates (|V| x d), soft constraints included; hard ones do not count.
-  /// The problem's targets must be those of U.
+  /// Derivative of the objective at U by its coordinates (|V| x d), soft constraints included, as if vertices with hard
+  /// ones were free. The problem's targets must be those of U, which satisfies the hard constraints.
   Matrix gradient(const Matrix& U);
 
-  /// Values of half the Hessian at U, constraints eliminated: the matrix that is factorized but for damping (lower
-  /// triangle; multiplier rows for linear equalities). Allocates nothing after the first call where there are no
-  /// constraints but fixed vertices and beta = 0. Throws as constraints_at.
+  /// Values of half the Hessian at U, constraints eliminated, refilled in place: the matrix that is factorized but for
+  /// damping (lower triangle; multiplier rows for linear equalities). Throws as direction().
   const SparseMatrix& matrix(const Matrix& U);
 
   /// See Objective::newton. The problem's targets must be those of U. Throws UsageError when U does not satisfy the
