@@ -279,7 +279,7 @@ void list(const std::string& what) {
   if (wanted("energies")) {
     fmt::print("energies ([energy] type)\n");
     for (const EnergyEntry& e : energies().entries()) {
-      fmt::print("  {:<22}{} [{}]\n", e.name, e.doc, e.domains);
+      fmt::print("  {:<37}{} [{}]\n", e.name, e.doc, e.domains);
       list_parameters(e.parameters);
     }
   }
