@@ -2,18 +2,20 @@
 #include "energies/energies.h"
 
 // One line per energy; energies/<family>/<name>.cpp defines EnergyEntry describe_<name>().
-#define VARIFORM_ENERGIES(X) \
-  X(asap)                    \
-  X(larap)                   \
-  X(arap)                    \
-  X(lscm)                    \
-  X(arap_parametrization)    \
-  X(akvf)                    \
-  X(metr)                    \
-  X(conf)                    \
-  X(auth)                    \
-  X(phi)                     \
-  X(laplacian)               \
+#define VARIFORM_ENERGIES(X)             \
+  X(asap)                                \
+  X(larap)                               \
+  X(arap)                                \
+  X(symmetric_dirichlet)                 \
+  X(lscm)                                \
+  X(arap_parametrization)                \
+  X(symmetric_dirichlet_parametrization) \
+  X(akvf)                                \
+  X(metr)                                \
+  X(conf)                                \
+  X(auth)                                \
+  X(phi)                                 \
+  X(laplacian)                           \
   X(poisson)
 
 namespace variform {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "framework/form/energy.h"
+#include "framework/operators/isotropic.h"
 #include "framework/operators/operators.h"
 #include "framework/operators/rotation.h"
 
@@ -19,8 +20,8 @@ class Arap final : public ProjectedEnergy {
 
   void cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const override { E = domain.gradient(t); }
 
-  bool closest_target(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
-                      Eigen::Ref<Eigen::MatrixXd> c, SmallMatrix* derivative) const override {
+  bool target_of(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
+                 Eigen::Ref<Eigen::MatrixXd> c, SmallMatrix* derivative) const override {
     switch (domain.kind()) {
       case DomainKind::planar: return rotated<2>(Y, c, derivative);
       case DomainKind::tetrahedral: return rotated<3>(Y, c, derivative);
@@ -40,6 +41,27 @@ class Arap final : public ProjectedEnergy {
       }
     }
     return defined;
+  }
+
+  int curvature_rank(const Domain& domain) const override {
+    const int m = domain.intrinsic_dimension();
+    return m * domain.ambient_dimension();
+  }
+
+  void curvature_root(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
+                      Eigen::Ref<Eigen::MatrixXd> root) const override {
+    switch (domain.kind()) {
+      case DomainKind::planar:
+        root.topLeftCorner<4, 4>() = closest_rotation_root(Eigen::Matrix2d(Y.topLeftCorner<2, 2>()));
+        return;
+      case DomainKind::tetrahedral:
+        root.topLeftCorner<9, 9>() = closest_rotation_root(Eigen::Matrix3d(Y.topLeftCorner<3, 3>()));
+        return;
+      case DomainKind::surface: break;
+    }
+    const SurfaceFrame B = surface_frame(domain, t);
+    const Matrix66 R = closest_orthonormal_rows_root(B * Y.topLeftCorner<3, 3>());
+    for (int j = 0; j < 3; ++j) root.block<6, 3>(0, 3 * j).noalias() = R.middleCols<2>(2 * j) * B;
   }
 
  private:

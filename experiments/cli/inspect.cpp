@@ -102,7 +102,7 @@ ExitCode list(const std::string& what) {
   if (wanted("energies")) {
     fmt::print("energies ([energy] type)\n");
     for (const EnergyEntry& e : energies().entries()) {
-      fmt::print("  {:<22}{} [{}]\n", e.name, e.doc, e.domains);
+      fmt::print("  {:<37}{} [{}]\n", e.name, e.doc, e.domains);
       list_parameters(e.parameters);
     }
   }

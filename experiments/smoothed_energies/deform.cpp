@@ -17,7 +17,7 @@
 namespace variform {
 namespace {
 
-const std::vector<std::string> kStarts = {"rest", "larap", "poisson"};
+const std::vector<std::string> kStarts = {"rest", "larap", "poisson", "regularized"};
 
 const std::vector<Parameter> kProbeParameters = {{.name = "lattice",
                                                   .value = std::int64_t{0},
@@ -118,6 +118,7 @@ std::unique_ptr<Energy> poisson_at_rest(const Domain& domain) {
 
 Matrix start_state(const Study& study, double beta) {
   if (study.solver.start == "rest") return study.domain.positions();
+  if (study.solver.start == "regularized") return regularized_start(study, "arap", study.domain.positions());
   const EnergyEntry& larap = energies().find("larap");
   const auto start =
       study.solver.start == "larap" ? larap.make(Parameters(larap.parameters)) : poisson_at_rest(study.domain);
@@ -140,6 +141,7 @@ PointResult run(const Config& config) {
   }
   const NormChoice norm = read_norm(config, own_metrics());
   SolverChoice solver = read_solver(config, kStarts);
+  adapt_to_barrier(traits, "regularized", solver);
   const LoadedConstraints constraints = load_constraints(constraint_tables(config), loaded);
   const Index lattice = read_lattice(config);
   if (lattice > 0 && domain.kind() != DomainKind::planar) {

@@ -15,7 +15,7 @@ namespace variform {
 namespace {
 
 // Nonlinear energies start from the initial map.
-const std::vector<std::string> kStarts = {"initial", "lscm", "tutte"};
+const std::vector<std::string> kStarts = {"initial", "lscm", "tutte", "regularized"};
 
 const std::vector<Parameter> kMapParameters = {
     {.name = "initial",
@@ -84,6 +84,14 @@ void pin(const Domain& domain, const Matrix& initial, bool linear, LoadedConstra
   }
 }
 
+// With a single pin the whole map goes there: to move one vertex alone could flip the triangles at it.
+void move_to_only_pin(const Constraints& constraints, Matrix& map) {
+  if (constraints.fixed().size() != 1 || !constraints.soft().empty() || !constraints.equalities().empty()) return;
+  const Constraints::Value& pin = constraints.fixed().front();
+  const Eigen::RowVectorXd shift = pin.value - map.row(pin.vertex);
+  map.rowwise() += shift;
+}
+
 bool holds_two_points(const Constraints& constraints) {
   std::vector<Eigen::RowVectorXd> values;
   for (const auto& fixed : constraints.fixed()) values.push_back(fixed.value);
@@ -116,9 +124,9 @@ PointResult run(const Config& config) {
   if (constraint_tables(config).empty()) {
     pin(domain, initial, linear, constraints);
     // With beta > 0 the alternation turns the map about a single pin for ever.
-    const bool chosen = root.has("solver") && root.at("solver").has("nonlinear");
-    if (!chosen) solver.nonlinear = make_nonlinear_backend("gauss_newton");
+    if (!solver.backend_named) solver.nonlinear = make_nonlinear_backend("gauss_newton");
   }
+  adapt_to_barrier(traits, "tutte", solver);
   if (linear && !holds_two_points(constraints.constraints)) {
     throw DataError("a linear parametrization needs two pins at different places: with fewer it shrinks to a point");
   }
@@ -132,7 +140,10 @@ PointResult run(const Config& config) {
   };
   Matrix start;
   if (!linear) {
-    start = solver.start == "initial" ? initial : named_map(solver.start, domain, map);
+    const bool regularized = solver.start == "regularized";
+    start = solver.start == "initial" ? initial : named_map(regularized ? "tutte" : solver.start, domain, map);
+    move_to_only_pin(constraints.constraints, start);
+    if (regularized) start = regularized_start(study, "arap_parametrization", start);
     result.metrics.set("start_flipped", static_cast<std::int64_t>(distortion(domain, start).flipped.size()));
     study.start = [&](double) { return start; };
   }

@@ -21,6 +21,7 @@ namespace {
 
 // Energies below, per measure, are rounding (squares of 1e-12).
 constexpr double kRoundingEnergy = 1e-24;
+constexpr double kRise = 1e-13;  // of the energy: smaller ones are rounding
 
 const std::vector<Parameter> kNormParameters = {{.name = "beta",
                                                  .value = 0.0,
@@ -65,7 +66,16 @@ std::vector<Parameter> solver_parameters(const std::vector<std::string>& starts)
        .doc = "largest gradient at convergence, in the 1-norm times diameter by energy; alternations ignore it",
        .min = 0.0},
       {.name = "max_iterations", .value = std::int64_t{500}, .doc = "of the nonlinear backend", .min = 1.0, .max = 1e9},
-      {.name = "start", .value = starts.front(), .doc = "where nonlinear backends start", .choices = starts}};
+      {.name = "start", .value = starts.front(), .doc = "where nonlinear backends start", .choices = starts},
+      {.name = "start_energy",
+       .value = std::string(),
+       .doc = "start = \"regularized\": energy whose minimizer is the start; default arap, arap_parametrization"},
+      {.name = "start_beta",
+       .value = 0.3,
+       .doc = "start = \"regularized\": its regularization weight",
+       .min = 0.0,
+       .max = 1.0,
+       .max_open = true}};
 }
 
 // A parameter list without one of its entries: for a key whose value may be of another type.
@@ -78,9 +88,9 @@ std::vector<Parameter> without(const std::vector<Parameter>& parameters, const s
 }
 
 // Metrics of every trial of a search, beside those of the pipeline.
-const std::vector<std::string> kTrialMetrics = {"energy",      "energy_R",         "energy_W",
-                                                "energy_mean", "local_energy_max", "soft_error",
-                                                "hard_error",  "iterations",       "converged"};
+const std::vector<std::string> kTrialMetrics = {"energy",           "energy_R",    "energy_W",   "energy_mean",
+                                                "local_energy_max", "soft_error",  "hard_error", "iterations",
+                                                "converged",        "energy_rises"};
 
 BetaSearch read_search(const ConfigNode& norm, const std::vector<Metric>& own) {
   Parameters p(kAutoParameters);
@@ -120,6 +130,7 @@ struct Outcome {
   Matrix residual;
   bool converged = true;
   int iterations = 1;
+  int rises = 0;
   Index undefined_targets = 0;
   std::vector<Curve> history;
   SolveTrace trace;
@@ -146,6 +157,8 @@ Outcome minimize(Problem& problem, SolverChoice& solver, const Matrix& start) {
       energies_curve.x.push_back(step.iteration);
       energies_curve.y.push_back(step.energy.objective());
       if (step.iteration == 0) continue;
+      const double before = energies_curve.y[energies_curve.y.size() - 2];
+      if (step.energy.objective() > before * (1.0 + kRise)) ++outcome.rises;
       steps.x.push_back(step.iteration);
       steps.y.push_back(step.step);
     }
@@ -233,7 +246,39 @@ SolverChoice read_solver(const Config& config, const std::vector<std::string>& s
                     .max_iterations = static_cast<int>(p.integer("max_iterations")),
                     .gradient_tolerance = p.number("gradient_tolerance")};
   solver.start = p.string("start");
+  solver.start_energy = p.string("start_energy");
+  solver.start_beta = p.number("start_beta");
+  solver.backend_named = node && node->has("nonlinear");
+  solver.start_named = node && node->has("start");
+  if (!solver.start_energy.empty()) {
+    node->at("start_energy").located([&] { energies().find(solver.start_energy); });
+  }
   return solver;
+}
+
+void adapt_to_barrier(const EnergyTraits& traits, const std::string& start, SolverChoice& solver) {
+  if (!traits.barrier) return;
+  if (!solver.backend_named) solver.nonlinear = make_nonlinear_backend("newton");
+  if (!solver.start_named) solver.start = start;
+}
+
+Matrix regularized_start(const Study& study, const std::string& energy, const Matrix& from) {
+  const EnergyEntry& entry = energies().find(study.solver.start_energy.empty() ? energy : study.solver.start_energy);
+  const auto other = entry.make(Parameters(entry.parameters));
+  const EnergyTraits traits = other->traits(study.domain);
+  if (entry.velocities || traits.barrier || traits.dimension() != study.constraints.dimension()) {
+    throw UsageError(
+        fmt::format("solver.start_energy: energy '{}' gives no start here: expected one of maps to "
+                    "dimension {} without a barrier",
+                    entry.name, study.constraints.dimension()));
+  }
+  const NormOptions norm{study.solver.start_beta, study.norm.options.facet_weight};
+  Problem problem(study.domain, *other, norm, study.constraints);
+  const auto linear = make_linear_backend("auto");
+  if (traits.state == StateDependence::none) return problem.solve(*linear);
+  ProblemObjective objective(problem, *linear);
+  return make_nonlinear_backend("gauss_newton")
+      ->minimize(objective, closest_feasible(study.constraints, from), study.solver.options);
 }
 
 std::vector<Section> study_sections(const std::vector<std::string>& starts) {
@@ -275,6 +320,7 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
     set_constraint_errors(study.constraints, outcome.U, row);
     row.set("iterations", static_cast<std::int64_t>(outcome.iterations));
     row.set("converged", outcome.converged);
+    row.set("energy_rises", static_cast<std::int64_t>(outcome.rises));
     return row;
   };
   Row measured;
@@ -323,7 +369,8 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
     measured = answer_row;
   }
   if (!outcome.converged) {
-    const bool other = study.solver.nonlinear->report().backend != "gauss_newton";
+    const std::string& backend = study.solver.nonlinear->report().backend;
+    const bool other = backend != "gauss_newton" && backend != "newton";
     result.warnings.push_back(fmt::format("not converged: {}; see solver.max_iterations{}", outcome.reason,
                                           other ? ", or try solver.nonlinear = \"gauss_newton\"" : ""));
   }
@@ -390,6 +437,8 @@ std::vector<Metric> study_metrics(const std::vector<Metric>& own) {
       {{"hard_error", "hard error"}, "largest distance of a fixed vertex from its target"},
       {{"iterations"}, "of the nonlinear backend; 1 for linear energies"},
       {{"converged"}, "whether the stopping rule held (an iteration limit is not convergence)"},
+      {{"energy_rises", "rises"},
+       "iterations in which the objective rose by more than rounding; 0 for linear energies"},
       {{"undefined_targets"}, "cells, summed over all evaluated states, whose closest rotation was undefined"},
       {{"nonlinear"}, "nonlinear backend; none for linear energies"},
       {{"solver"}, "linear backend that did the work"},

@@ -35,6 +35,10 @@ struct SolverChoice {
   std::unique_ptr<NonlinearBackend> nonlinear;
   NonlinearOptions options = {};
   std::string start = {};
+  std::string start_energy = {};  ///< of start = "regularized"; empty: the pipeline's own
+  double start_beta = 0.0;
+  bool backend_named = false;  ///< whether the config names the nonlinear backend, and the start
+  bool start_named = false;
 };
 
 /// What the pipelines of this chapter share: a regularized energy on a domain under constraints, minimized once or for
@@ -66,6 +70,12 @@ std::unique_ptr<Energy> read_energy(const ConfigNode& node, bool velocities);
 NormChoice read_norm(const Config& config, const std::vector<Metric>& own);
 /// starts: accepted values of solver.start, the first is the default.
 SolverChoice read_solver(const Config& config, const std::vector<std::string>& starts);
+/// What barrier energies take where the config does not say: the backend newton, and this start.
+void adapt_to_barrier(const EnergyTraits& traits, const std::string& start, SolverChoice& solver);
+/// start = "regularized": the minimizer of another energy at solver.start_beta, which flips nothing if that is large
+/// enough, found from the state `from` (|V| x d); `energy` where the config names none. Throws UsageError for energies
+/// that do not map to the same dimension.
+Matrix regularized_start(const Study& study, const std::string& energy, const Matrix& from);
 /// The parameters of [norm], [norm.auto] and [solver], for listings.
 std::vector<Section> study_sections(const std::vector<std::string>& starts);
 std::vector<ConfigNode> constraint_tables(const Config& config);

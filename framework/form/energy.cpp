@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "framework/form/energy.h"
 
+#include <Eigen/Eigenvalues>
+
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 #include "framework/base/error.h"
 #include "framework/base/parallel.h"
@@ -42,7 +45,7 @@ Index CellEnergy::refresh_target(const Domain& domain, const Matrix& U, Form& fo
       domain.cell_count(), [&](Index t) { return target(domain, t, U, form.target(t)) ? 0.0 : 1.0; }, 1024));
 }
 
-ProjectedEnergy::SmallMatrix ProjectedEnergy::value(const Form& form, Index t, const Matrix& U) {
+TargetEnergy::SmallMatrix TargetEnergy::value(const Form& form, Index t, const Matrix& U) {
   const auto E = form.block(t);
   const int size = form.site_size(t);
   const int columns = form.columns();
@@ -64,23 +67,23 @@ Form ProjectedEnergy::declare(const Domain& domain) const {
       Eigen::MatrixXd::NullaryExpr(form.residuals(), form.columns(),
                                    [](Eigen::Index i, Eigen::Index j) { return std::cos(1.0 + 3.0 * i + 7.0 * j); });
   for (Index t = 0; t < form.site_count(); ++t) {
-    if (form.target(t).isZero(0.0)) closest_target(domain, t, Y, form.target(t), nullptr);
+    if (form.target(t).isZero(0.0)) target_of(domain, t, Y, form.target(t), nullptr);
   }
   return form;
 }
 
-bool ProjectedEnergy::target(const Domain& domain, Index t, const Matrix& U, Eigen::Ref<Eigen::MatrixXd> c) const {
+bool TargetEnergy::target(const Domain& domain, Index t, const Matrix& U, Eigen::Ref<Eigen::MatrixXd> c) const {
   const EnergyTraits own = traits(domain);
   Form form(domain.vertex_count(), domain.cells().row(t), own.residuals, own.unknowns, own.columns);
   cell(domain, t, form.block(0));
-  return closest_target(domain, t, value(form, 0, U), c, nullptr);
+  return target_of(domain, t, value(form, 0, U), c, nullptr);
 }
 
 namespace {
 
 // refresh_target for sizes that are known to the compiler: N x Size blocks, one unknown per node.
 template <int N, int Size, int Columns>
-Index refresh_projections(const ProjectedEnergy& energy, const Domain& domain, const Matrix& U, Form& form) {
+Index refresh_values(const TargetEnergy& energy, const Domain& domain, const Matrix& U, Form& form) {
   const Index* nodes = form.nodes().data();
   return static_cast<Index>(parallel_sum(
       form.site_count(),
@@ -93,27 +96,46 @@ Index refresh_projections(const ProjectedEnergy& energy, const Domain& domain, c
               U.data() + static_cast<std::ptrdiff_t>(nodes[static_cast<std::ptrdiff_t>(t) * Size + i]) * Columns;
           for (int j = 0; j < Columns; ++j) Y.col(j) += u[j] * E.col(i);
         }
-        return energy.closest_target(domain, t, Y, form.target(t), nullptr) ? 0.0 : 1.0;
+        return energy.target_of(domain, t, Y, form.target(t), nullptr) ? 0.0 : 1.0;
       },
       1024));
 }
 
 }  // namespace
 
-Index ProjectedEnergy::refresh_target(const Domain& domain, const Matrix& U, Form& form) const {
+Index TargetEnergy::refresh_target(const Domain& domain, const Matrix& U, Form& form) const {
   if (form.unknowns() == 1 && form.site_count() == domain.cell_count() &&
       static_cast<Eigen::Index>(form.nodes().size()) == domain.cells().size()) {
     const std::array<int, 3> sizes = {form.residuals(), domain.cell_size(), form.columns()};
     using Sizes = std::array<int, 3>;
-    if (sizes == Sizes{2, 3, 2}) return refresh_projections<2, 3, 2>(*this, domain, U, form);
-    if (sizes == Sizes{3, 3, 2}) return refresh_projections<3, 3, 2>(*this, domain, U, form);
-    if (sizes == Sizes{3, 3, 3}) return refresh_projections<3, 3, 3>(*this, domain, U, form);
-    if (sizes == Sizes{3, 4, 3}) return refresh_projections<3, 4, 3>(*this, domain, U, form);
+    if (sizes == Sizes{2, 3, 2}) return refresh_values<2, 3, 2>(*this, domain, U, form);
+    if (sizes == Sizes{3, 3, 2}) return refresh_values<3, 3, 2>(*this, domain, U, form);
+    if (sizes == Sizes{3, 3, 3}) return refresh_values<3, 3, 3>(*this, domain, U, form);
+    if (sizes == Sizes{3, 4, 3}) return refresh_values<3, 4, 3>(*this, domain, U, form);
   }
   return static_cast<Index>(parallel_sum(
       domain.cell_count(),
-      [&](Index t) { return closest_target(domain, t, value(form, t, U), form.target(t), nullptr) ? 0.0 : 1.0; },
-      1024));
+      [&](Index t) { return target_of(domain, t, value(form, t, U), form.target(t), nullptr) ? 0.0 : 1.0; }, 1024));
+}
+
+double TargetEnergy::longest_step(const Domain&, Index, const Eigen::Ref<const Eigen::MatrixXd>&,
+                                  const Eigen::Ref<const Eigen::MatrixXd>&) const {
+  return std::numeric_limits<double>::infinity();
+}
+
+int ProjectedEnergy::curvature_rank(const Domain& domain) const {
+  const EnergyTraits own = traits(domain);
+  return own.residuals * own.columns;
+}
+
+void ProjectedEnergy::curvature_root(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
+                                     Eigen::Ref<Eigen::MatrixXd> R) const {
+  SmallMatrix c = Y;
+  SmallMatrix D(Y.size(), Y.size());
+  target_of(domain, t, Y, c, &D);
+  const Eigen::SelfAdjointEigenSolver<SmallMatrix> eigen(SmallMatrix(-0.5 * (D + D.transpose())));
+  const Eigen::VectorXd roots = (1.0 + eigen.eigenvalues().array()).max(0.0).sqrt();
+  R = roots.asDiagonal() * eigen.eigenvectors().transpose();
 }
 
 Eigen::MatrixXd kernel_basis(const EnergyTraits& traits, const Domain& domain) {

@@ -43,6 +43,7 @@ struct EnergyTraits {
   Gauge gauge = Gauge::world;
   StateDependence state = StateDependence::none;
   Support support = Support::cells;
+  bool barrier = false;  ///< infinite where a target is undefined: states there are refused, see TargetEnergy
 
   /// d, coordinates of u at each vertex.
   int dimension() const { return unknowns * columns; }
@@ -91,26 +92,51 @@ class CellEnergy : public Energy {
   Index refresh_target(const Domain& domain, const Matrix& U, Form& form) const override;
 };
 
-/// Energy whose targets are projections: c_t(u) is the point of a set of admissible targets (rotations, say) that is
-/// closest to Y_t = E_t u_t. Everything that nonlinear backends need follows from this projection and its derivative.
-class ProjectedEnergy : public CellEnergy {
+/// Energy whose targets are a function of the values, c_t(u) = c(Y_t) with Y_t = E_t u_t. Everything that nonlinear
+/// backends need follows from c, its derivative, and the curvature of |Y - c(Y)|^2.
+class TargetEnergy : public CellEnergy {
  public:
   /// A matrix of at most 9 x 9 with its storage in place: c_t and Y_t have at most 9 components.
   using SmallMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, 9, 9>;
 
-  /// The admissible target closest to Y, both n x columns. Returns false, leaving c as it is, where it is undefined.
-  /// derivative, unless null: d vec c / d vec Y, (n columns) x (n columns), zero where it is undefined (c stays), and
-  /// bounded near there: see rotation.h.
-  virtual bool closest_target(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
-                              Eigen::Ref<Eigen::MatrixXd> c, SmallMatrix* derivative) const = 0;
+  /// c(Y), both n x columns. Returns false, leaving c as it is, where it is undefined. derivative, unless null:
+  /// d vec c / d vec Y, (n columns) x (n columns), zero where it is undefined (c stays).
+  virtual bool target_of(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
+                         Eigen::Ref<Eigen::MatrixXd> c, SmallMatrix* derivative) const = 0;
 
-  /// Targets that are undefined at rest begin as some admissible one.
-  Form declare(const Domain& domain) const override;
+  /// Rows of curvature_root on this domain, at most n columns.
+  virtual int curvature_rank(const Domain& domain) const = 0;
+  /// A root R (curvature_rank x (n columns)) of half the Hessian H of |Y - c(Y)|^2 by vec Y, made positive
+  /// semi-definite: R'R = H+ / 2, where H+ has the negative eigenvalues of H set to zero; of H as a form on the values
+  /// Y = E_t u that the cell can have. Y must be one where c is defined.
+  virtual void curvature_root(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
+                              Eigen::Ref<Eigen::MatrixXd> R) const = 0;
+
+  /// Largest s such that c is defined at Y + s' dY for all s' in [0, s); infinite (the default) without a barrier.
+  virtual double longest_step(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
+                              const Eigen::Ref<const Eigen::MatrixXd>& dY) const;
+
   bool target(const Domain& domain, Index t, const Matrix& U, Eigen::Ref<Eigen::MatrixXd> c) const override;
   Index refresh_target(const Domain& domain, const Matrix& U, Form& form) const override;
 
   /// Value Y_t = E_t u_t at vertex values U (|V| x d), n x columns.
   static SmallMatrix value(const Form& form, Index t, const Matrix& U);
+};
+
+/// Energy whose targets are projections: target_of gives the point of a set of admissible targets (rotations, say) that
+/// is closest to Y; its derivative is bounded where it is nearly undefined: see rotation.h. Only for such targets does
+/// an alternation of targets and states descend.
+class ProjectedEnergy : public TargetEnergy {
+ public:
+  /// Targets that are undefined at rest begin as some admissible one.
+  Form declare(const Domain& domain) const override;
+
+  /// n columns.
+  int curvature_rank(const Domain& domain) const override;
+  /// H = 2 (I - dc/dY), since Y - c(Y) is half the gradient of |Y - c(Y)|^2. By a numeric eigen-decomposition: energies
+  /// that know the eigenvectors of dc/dY are faster.
+  void curvature_root(const Domain& domain, Index t, const Eigen::Ref<const Eigen::MatrixXd>& Y,
+                      Eigen::Ref<Eigen::MatrixXd> R) const override;
 };
 
 /// How an energy is known to configs and to `variform list`.

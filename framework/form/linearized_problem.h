@@ -1,27 +1,18 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <memory>
-#include <vector>
-
-#include "framework/form/assembly.h"
-#include "framework/form/constraints.h"
-#include "framework/solver/linear_backend.h"
-#include "framework/solver/nonlinear_backend.h"
+#include "framework/form/quadratic_model.h"
 
 namespace variform {
 
-class Problem;
-
-/// Gauss-Newton model of the regularized energy ||r(u)||^2_W with r_t(u) = vec(E_t u_t - c_t(u)) for an energy whose
-/// targets are projections: J_t = (I - dc/dY) (I (x) E_t), all coordinates coupled (methods: smoothed energies,
-/// sec. 4.3). The same assembly and elimination as for the problem itself, on another form; pattern and symbolic
-/// analysis once.
-class LinearizedProblem {
+/// Gauss-Newton model of the regularized energy ||r(u)||^2_W with r_t(u) = vec(E_t u_t - c(Y_t)) for an energy whose
+/// targets are a function of the values: J_t = (I - dc/dY) (I (x) E_t), all coordinates coupled (methods: smoothed
+/// energies, sec. 4.3). The same assembly and elimination as for the problem itself, on another form; pattern and
+/// symbolic analysis once.
+class LinearizedProblem : private QuadraticModel {
  public:
-  /// The problem must outlive this and keep its beta. Throws UsageError unless its energy is a ProjectedEnergy.
+  /// The problem must outlive this and keep its beta. Throws UsageError unless its energy is a TargetEnergy.
   explicit LinearizedProblem(Problem& problem);
-  ~LinearizedProblem();
 
   /// See Objective::gauss_newton. The problem's targets must be those of U. Throws UsageError when U does not satisfy
   /// the hard constraints, SolverError as LinearBackend does.
@@ -36,12 +27,6 @@ class LinearizedProblem {
 
  private:
   void linearize(const Matrix& U);
-  Constraints constraints_at(const Matrix& U);
-
-  Problem& problem_;
-  std::vector<Term> terms_;
-  std::unique_ptr<Assembly> assembly_;
-  std::unique_ptr<Reduction> reduction_;
 };
 
 }  // namespace variform

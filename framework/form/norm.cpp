@@ -29,7 +29,9 @@ RowSparseMatrix from_rows(Index rows, Index columns, const std::vector<Eigen::Tr
 
 class CellNorm final : public Norm {
  public:
-  CellNorm(const Domain& domain, const NormOptions& options, const Matrix& frames) : options_(options) {
+  // plain: the factor of A, 1 - beta for the whole norm.
+  CellNorm(const Domain& domain, const NormOptions& options, const Matrix& frames, double plain)
+      : options_(options), plain_(plain) {
     check_beta(options.beta);
     links_ = options.beta > 0.0 ? domain.facet_cells() : IndexMatrix(0, 2);
     if (frames.size() > 0) set_transports(domain, frames);
@@ -39,7 +41,7 @@ class CellNorm final : public Norm {
 
   void refresh(const Domain& domain) override {
     plain_diagonal_ = domain.cell_measures();
-    diagonal_ = (1.0 - options_.beta) * plain_diagonal_;
+    diagonal_ = plain_ * plain_diagonal_;
     if (link_count() == 0) {
       link_weights_.resize(0);
       return;
@@ -55,7 +57,7 @@ class CellNorm final : public Norm {
     std::vector<Eigen::Triplet<double, Index>> triplets;
     const Index cells = site_count();
     for (Index t = 0; t < cells; ++t) {
-      triplets.emplace_back(t, t, std::sqrt((1.0 - options_.beta) * plain_diagonal_[t]));
+      triplets.emplace_back(t, t, std::sqrt(plain_ * plain_diagonal_[t]));
     }
     for (Index f = 0; f < link_count(); ++f) {
       const double weight = std::sqrt(-link_weights_[f]);
@@ -95,6 +97,7 @@ class CellNorm final : public Norm {
   }
 
   NormOptions options_;
+  double plain_;
 };
 
 class VertexNorm final : public Norm {
@@ -263,7 +266,11 @@ double residual_variation(const Domain& domain, FacetWeight weight, const Matrix
 }
 
 std::unique_ptr<Norm> cell_norm(const Domain& domain, const NormOptions& options, const Matrix& frames) {
-  return std::make_unique<CellNorm>(domain, options, frames);
+  return std::make_unique<CellNorm>(domain, options, frames, 1.0 - options.beta);
+}
+
+std::unique_ptr<Norm> variation_norm(const Domain& domain, const NormOptions& options, const Matrix& frames) {
+  return std::make_unique<CellNorm>(domain, options, frames, 0.0);
 }
 
 std::unique_ptr<Norm> vertex_norm(const Domain& domain, const NormOptions& options) {

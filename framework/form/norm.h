@@ -119,6 +119,9 @@ struct NormOptions {
 /// the left. Throws UsageError when beta is not in [0, 1), or frames do not fit.
 std::unique_ptr<Norm> cell_norm(const Domain& domain, const NormOptions& options, const Matrix& frames = {});
 
+/// The part of cell_norm that beta weighs, beta Q' B Q: semi-definite, zero for constant residuals.
+std::unique_ptr<Norm> variation_norm(const Domain& domain, const NormOptions& options, const Matrix& frames = {});
+
 /// The norm for residuals on vertices, linear in between: W = (1-beta) M + beta s L with the consistent mass matrix M
 /// and the cotangent Laplacian L (Martinez Esturo 2013, sec. 7.2, vertex-based energies); s = 1 for facet_measure (as
 /// published), sigma^2 for the two scale-invariant weights.

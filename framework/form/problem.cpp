@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <limits>
 
 #include "framework/base/error.h"
 #include "framework/base/stopwatch.h"
@@ -85,6 +86,11 @@ std::unique_ptr<Norm> Problem::residual_norm(bool blended) const {
   if (blended) options.beta = 0.0;
   std::unique_ptr<Norm> norm = norm_of(domain_, energy_, traits_, options);
   return blended ? scaled_norm(std::move(norm), 1.0 - norm_.beta) : std::move(norm);
+}
+
+std::unique_ptr<Norm> Problem::variation_norm() const {
+  const bool turned = traits_.gauge == Gauge::cell_frame;
+  return variform::variation_norm(domain_, norm_, turned ? energy_.frames(domain_) : Matrix());
 }
 
 std::optional<Term> Problem::own_regularizer() const {
@@ -257,6 +263,10 @@ Eigen::Map<const Matrix> unknowns_of(const Matrix& U, const Form& form) {
 
 EnergyValue Problem::value(const Matrix& U, bool variation) const {
   EnergyValue value;
+  if (traits_.barrier && undefined_targets_ > 0) {
+    value.total = value.plain = std::numeric_limits<double>::infinity();
+    return value;
+  }
   const Term& term = terms_.front();
   Matrix& R = residual_;
   if (const Vector* weights = term.norm->plain_weights();
@@ -297,7 +307,9 @@ void Problem::add_penalty(const Matrix& U, EnergyValue& value) const {
 
 Index Problem::couple_targets(const Matrix& U) {
   const auto* energy = dynamic_cast<const ProjectedEnergy*>(&energy_);
-  if (energy == nullptr) throw UsageError("coupled targets need an energy whose targets are projections");
+  if (energy == nullptr)
+    throw UsageError(
+        "coupled targets need an energy whose targets are projections: take newton or gauss_newton for others");
   Form& form = terms_.front().form;
   const Norm& norm = *terms_.front().norm;
   const int n = form.residuals();
@@ -327,9 +339,9 @@ Index Problem::couple_targets(const Matrix& U) {
         pull[i + 1] += norm.link_weights()[l] * (s * r[i] + c * r[i + 1]);
       }
     }
-    const ProjectedEnergy::SmallMatrix F = ProjectedEnergy::value(form, t, U);
+    const TargetEnergy::SmallMatrix F = TargetEnergy::value(form, t, U);
     const Eigen::MatrixXd Y = F + Eigen::Map<const Eigen::MatrixXd>(pull.data(), n, columns) / norm.diagonal()[t];
-    if (!energy->closest_target(domain_, t, Y, form.target(t), nullptr)) ++undefined;
+    if (!energy->target_of(domain_, t, Y, form.target(t), nullptr)) ++undefined;
     Eigen::Map<Eigen::MatrixXd>(R.row(t).data(), n, columns) = F - form.target(t);
   }
   target_state_ = Matrix::Constant(1, 1, 0.0);  // of no state

@@ -72,7 +72,8 @@ class Problem {
   Matrix solve(LinearBackend& backend);
 
   /// E, E_P, E_R and the penalty of soft constraints at U with the current targets. Without `variation`, E_R is NaN
-  /// where beta = 0 leaves it out of E: it costs more than all else.
+  /// where beta = 0 leaves it out of E: it costs more than all else. E and E_P are infinite when the targets are of a
+  /// state beyond a barrier.
   EnergyValue value(const Matrix& U, bool variation = true) const;
   /// r(U) with the current targets, sites x (n columns).
   Matrix residual(const Matrix& U) const;
@@ -88,10 +89,13 @@ class Problem {
   const ProblemTimes& times() const { return times_; }
 
  private:
-  friend class LinearizedProblem;  // its phases count, too
+  friend class QuadraticModel;  // its phases count, too
+  friend class NewtonModel;
   // The norm of the energy's term: W_n, or (1-beta) times the plain one when another term is blended in.
   std::unique_ptr<Norm> residual_norm(bool blended) const;
   std::optional<Term> own_regularizer() const;
+  // The part of W_n that beta weighs.
+  std::unique_ptr<Norm> variation_norm() const;
   void check_norm() const;
   const Norm& half_norm() const;  // tells E_R where beta = 0 leaves it out
   void add_penalty(const Matrix& U, EnergyValue& value) const;

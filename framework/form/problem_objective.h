@@ -5,6 +5,7 @@
 
 #include "framework/form/free_variables.h"
 #include "framework/form/linearized_problem.h"
+#include "framework/form/newton_model.h"
 #include "framework/form/problem.h"
 #include "framework/solver/nonlinear_backend.h"
 
@@ -27,6 +28,10 @@ class ProblemObjective final : public Objective {
 
   Matrix local_global_step(const Matrix& U) override;
   Direction gauss_newton(const Matrix& U, double damping) override;
+  Direction newton(const Matrix& U, double damping) override;
+  double longest_step(const Matrix& U, const Matrix& step) override;
+  /// DataError with the number of inverted cells where the energy is infinite.
+  void check_start(const Matrix& U) override;
   Matrix coupled_step(const Matrix& U) override;
   EnergyValue value_at_targets(const Matrix& U) override { return problem_.value(U); }
   double length_scale() const override { return problem_.domain().diameter(); }
@@ -47,6 +52,7 @@ class ProblemObjective final : public Objective {
   LinearBackend& backend_;
   std::unique_ptr<FreeVariables> free_variables_;  // made when first asked for
   std::unique_ptr<LinearizedProblem> linearized_;  // likewise
+  std::unique_ptr<NewtonModel> newton_;            // likewise
   Index undefined_targets_ = 0;
 };
 

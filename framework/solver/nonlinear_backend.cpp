@@ -19,6 +19,7 @@ namespace {
 
 }  // namespace
 
+void Objective::check_start(const Matrix&) {}
 Eigen::VectorXd Objective::variables(const Matrix&) { offers_none("variables"); }
 Matrix Objective::state(const Eigen::VectorXd&) { offers_none("variables"); }
 Eigen::VectorXd Objective::gradient(const Matrix&) { offers_none("gradient"); }
@@ -58,6 +59,7 @@ Matrix NonlinearBackend::minimize(Objective& objective, const Matrix& U0, const 
   stopped_ = false;
   options_ = options;
   observer_ = observer;
+  objective.check_start(U0);
   start();
   const EnergyValue energy = value(objective, U0);
   if (!std::isfinite(energy.objective())) {

@@ -48,6 +48,10 @@ class Objective {
   /// Infinite total beyond a barrier; backends never step there.
   virtual EnergyValue value(const Matrix& U) = 0;
 
+  /// Throws DataError, saying why, where a minimization cannot start: beyond a barrier. The default accepts every
+  /// state.
+  virtual void check_start(const Matrix& U);
+
   /// The variables of a state that satisfies the hard constraints, and the state of given variables.
   virtual Eigen::VectorXd variables(const Matrix& U);
   virtual Matrix state(const Eigen::VectorXd& y);
@@ -127,7 +131,8 @@ class NonlinearBackend {
   /// Called after every iteration; returning false stops with reason "stopped by the observer".
   using Observer = std::function<bool(const NonlinearStep&)>;
 
-  /// Minimizes from U0; returns the last state. Throws SolverError when a linear solve fails or values are not finite.
+  /// Minimizes from U0; returns the last state. Throws as Objective::check_start, and SolverError when a linear solve
+  /// fails or values are not finite.
   Matrix minimize(Objective& objective, const Matrix& U0, const NonlinearOptions& options,
                   const Observer& observer = {});
 

@@ -9,6 +9,7 @@
 #define VARIFORM_NONLINEAR_BACKENDS(X) \
   X(local_global)                      \
   X(gauss_newton)                      \
+  X(newton)                            \
   X(coupled)                           \
   X(ceres_trust_region)                \
   X(ceres_line_search)                 \

@@ -5,6 +5,10 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
 #include "framework/form/problem.h"
 #include "solvers/linear/linear_backends.h"
 #include "tests/support.h"
@@ -189,6 +193,109 @@ void check_closest_targets(const Domain& domain, const Energy& energy) {
   }
 }
 
+using Small = TargetEnergy::SmallMatrix;
+
+Small gradient_by_value(const Domain& domain, const TargetEnergy& energy, Index t, const Small& Y) {
+  Small c = Y;
+  Small D(Y.size(), Y.size());
+  EXPECT_TRUE(energy.target_of(domain, t, Y, c, &D));
+  const Small r = Y - c;
+  const Eigen::VectorXd vec = Eigen::Map<const Eigen::VectorXd>(r.data(), r.size());
+  Small gradient = Y;
+  Eigen::Map<Eigen::VectorXd>(gradient.data(), gradient.size()) = 2.0 * (vec - D.transpose() * vec);
+  return gradient;
+}
+
+// Derivative, curvature and longest step of a target function on some cells, by differences and numeric
+// eigen-decompositions.
+void check_target_function(const Domain& domain, const TargetEnergy& energy) {
+  const EnergyTraits traits = energy.traits(domain);
+  const int d = traits.dimension();
+  const Form form = energy.declare(domain);
+  const int size = traits.residuals * traits.columns;
+  const double step = 1e-5;
+  int checked = 0;
+  for (int sample = 0; sample < 4; ++sample) {
+    // Rest, and states far enough from it that some curvatures are negative.
+    const double scale = sample == 0 ? 1.0 : 0.6;
+    const Matrix U = scale * (rest_values(domain, d) + 0.03 * sample * Matrix::Random(domain.vertex_count(), d));
+    for (Index t = 0; t < domain.cell_count(); t += 7) {
+      const Small Y = TargetEnergy::value(form, t, U);
+      Small c = Y;
+      Small D(size, size);
+      if (!energy.target_of(domain, t, Y, c, &D)) continue;
+      // The values that the cell can have, as an orthonormal basis.
+      const Small local = form.block(t);
+      Eigen::MatrixXd coupled = Eigen::MatrixXd::Zero(size, local.cols() * traits.columns);
+      for (int j = 0; j < traits.columns; ++j) {
+        coupled.block(j * traits.residuals, j * local.cols(), traits.residuals, local.cols()) = local;
+      }
+      Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(coupled);
+      qr.setThreshold(1e-10);
+      const Eigen::MatrixXd Q = Eigen::MatrixXd(qr.householderQ()).leftCols(qr.rank());
+      Eigen::MatrixXd H(size, Q.cols());
+      Eigen::MatrixXd slope(size, Q.cols());
+      bool smooth = true;
+      for (Eigen::Index k = 0; k < Q.cols(); ++k) {
+        Small forward = Y;
+        Small backward = Y;
+        const Eigen::VectorXd direction = Q.col(k);
+        const Eigen::Map<const Eigen::MatrixXd> dY(direction.data(), Y.rows(), Y.cols());
+        forward += step * dY;
+        backward -= step * dY;
+        Small a = c;
+        Small b = c;
+        smooth = smooth && energy.target_of(domain, t, forward, a, nullptr) &&
+                 energy.target_of(domain, t, backward, b, nullptr);
+        if (!smooth) break;
+        const Small dc = (a - b) / (2 * step);
+        slope.col(k) = Eigen::Map<const Eigen::VectorXd>(dc.data(), size);
+        const Small dg =
+            (gradient_by_value(domain, energy, t, forward) - gradient_by_value(domain, energy, t, backward)) /
+            (2 * step);
+        H.col(k) = Eigen::Map<const Eigen::VectorXd>(dg.data(), size);
+      }
+      const double bound = D.cwiseAbs().maxCoeff();
+      if (!smooth || bound > 50.0) continue;  // differences tell nothing there
+      ++checked;
+      EXPECT_LT((D * Q - slope).cwiseAbs().maxCoeff(), 1e-5 * (1.0 + bound * bound)) << "cell " << t;
+      const Eigen::MatrixXd on_values = Q.transpose() * H;
+      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(0.5 * (on_values + on_values.transpose()));
+      const Eigen::MatrixXd expected =
+          eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).asDiagonal() * eigen.eigenvectors().transpose();
+      Eigen::MatrixXd R(energy.curvature_rank(domain), size);
+      energy.curvature_root(domain, t, Y, R);
+      const Eigen::MatrixXd RQ = R * Q;
+      EXPECT_LT((2.0 * RQ.transpose() * RQ - expected).cwiseAbs().maxCoeff(),
+                1e-5 * (1.0 + expected.cwiseAbs().maxCoeff() * (1.0 + bound)))
+          << "cell " << t;
+      if (const auto* projected = dynamic_cast<const ProjectedEnergy*>(&energy)) {
+        Eigen::MatrixXd numeric(size, size);
+        projected->ProjectedEnergy::curvature_root(domain, t, Y, numeric);
+        const Eigen::MatrixXd NQ = numeric * Q;
+        EXPECT_LT((RQ.transpose() * RQ - NQ.transpose() * NQ).cwiseAbs().maxCoeff(), 1e-10);
+      }
+      const Eigen::VectorXd away = Q * Eigen::VectorXd::Random(Q.cols());
+      const Small dY = Eigen::Map<const Eigen::MatrixXd>(away.data(), Y.rows(), Y.cols());
+      const double longest = energy.longest_step(domain, t, Y, dY);
+      EXPECT_GT(longest, 0.0);
+      if (!traits.barrier) {
+        EXPECT_EQ(longest, std::numeric_limits<double>::infinity());
+        continue;
+      }
+      const auto defined = [&](double s) {
+        Small at = Y + s * dY;
+        return energy.target_of(domain, t, at, c, nullptr);
+      };
+      for (const double part : {0.1, 0.5, 0.9, 0.999}) EXPECT_TRUE(defined(part * std::min(longest, 1e3)));
+      if (std::isfinite(longest)) {
+        EXPECT_FALSE(defined(1.001 * longest));
+      }
+    }
+  }
+  EXPECT_GT(checked, 0);
+}
+
 }  // namespace
 
 Constraints fixed_at(const Domain& domain, int dimension,
@@ -204,7 +311,8 @@ void check_energy(const std::string& label, const Energy& energy, const Domain& 
   const int d = traits.dimension();
   if (traits.state == StateDependence::target) {
     SCOPED_TRACE(label);
-    check_closest_targets(domain, energy);
+    if (dynamic_cast<const ProjectedEnergy*>(&energy) != nullptr) check_closest_targets(domain, energy);
+    if (const auto* targets = dynamic_cast<const TargetEnergy*>(&energy)) check_target_function(domain, *targets);
   }
   for (const double beta : {0.0, 0.3, 0.9}) {
     for (const FacetWeight weight : kWeights) {

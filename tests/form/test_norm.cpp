@@ -125,6 +125,19 @@ TEST(CellNorm, BetaZeroIsThePlainMeasureNorm) {
   }
 }
 
+TEST(CellNorm, IsThePlainPartAndTheVariation) {
+  for (const Domain& domain : domains()) {
+    const NormOptions options{.beta = 0.3};
+    const auto variation = variation_norm(domain, options);
+    const Eigen::MatrixXd whole(cell_norm(domain, options)->matrix());
+    const Eigen::MatrixXd plain = 0.7 * Eigen::MatrixXd(domain.cell_measures().asDiagonal());
+    EXPECT_LT((Eigen::MatrixXd(variation->matrix()) + plain - whole).cwiseAbs().maxCoeff(), 1e-14 * whole.norm());
+    EXPECT_NEAR(variation->squared(Matrix::Constant(domain.cell_count(), 2, 3.0)), 0.0, 1e-12 * whole.norm());
+    const Eigen::MatrixXd S(variation->root());
+    EXPECT_LT((S.transpose() * S - Eigen::MatrixXd(variation->matrix())).cwiseAbs().maxCoeff(), 1e-14 * whole.norm());
+  }
+}
+
 TEST(CellNorm, FacetWeightsScaleAsDocumented) {
   for (const Domain& domain : domains()) {
     Domain scaled = domain;
