@@ -23,6 +23,7 @@
 #include "framework/experiment/domain_source.h"
 #include "framework/experiment/runner.h"
 #include "framework/experiment/viewer.h"
+#include "solvers/eigen/eigen_backends.h"
 #include "solvers/linear/blas.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
@@ -45,7 +46,8 @@ std::string effective_licence() {
   for (const LinearBackendEntry& entry : linear_backends().entries()) {
     if (entry.available && entry.licence.find("GPL-2.0") != std::string::npos &&
         entry.licence.find("LGPL") == std::string::npos) {
-      return "GPL-2.0-or-later (SuiteSparse is linked in; the sources of variform are BSD-3-Clause)";
+      return "GPL-2.0-or-later (GPL parts of SuiteSparse are linked in, by a backend or by PETSc; the sources of "
+             "variform are BSD-3-Clause)";
     }
   }
   return "BSD-3-Clause (no SuiteSparse; Eigen is MPL-2.0)";
@@ -295,6 +297,12 @@ void list(const std::string& what) {
       fmt::print("  {:<22}{}\n", e.name, e.doc);
       list_parameters(e.parameters);
     }
+    fmt::print("eigen backends (no config uses them yet)\n");
+    for (const EigenBackendEntry& e : eigen_backends().entries()) {
+      fmt::print("  {:<22}{}{}\n", e.name, e.doc,
+                 e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
+      list_parameters(e.parameters);
+    }
   }
   if (wanted("generators")) {
     fmt::print("generators ([domain] generator)\n");
@@ -398,6 +406,25 @@ ExitCode doctor() {
       backend->factorize(A, kind);
       backend->solve(Eigen::MatrixXd::Ones(n, 2));
       fmt::print("{}: works (residual {:.1e})\n", entry.name, backend->report().residual);
+    } catch (const Error& error) {
+      fmt::print("{}: FAILS: {}\n", entry.name, error.what());
+      well = false;
+    }
+  }
+  for (const EigenBackendEntry& entry : eigen_backends().entries()) {
+    if (!entry.available) {
+      fmt::print("{}: not in this build; install {} and configure again\n", entry.name, entry.package);
+      well = false;
+      continue;
+    }
+    // Diagonal: the eigenvalues are known.
+    SparseMatrix K(50, 50);
+    K.setIdentity();
+    for (Index i = 0; i < 50; ++i) K.valuePtr()[i] = 1.0 + i;
+    try {
+      const auto backend = make_eigen_backend(entry.name);
+      const EigenPairs pairs = backend->solve(K, SparseMatrix(), 3);
+      fmt::print("{}: works (error {:.1e})\n", entry.name, (pairs.values - Eigen::Vector3d(1.0, 2.0, 3.0)).norm());
     } catch (const Error& error) {
       fmt::print("{}: FAILS: {}\n", entry.name, error.what());
       well = false;
