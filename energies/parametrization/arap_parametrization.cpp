@@ -63,9 +63,10 @@ class ArapParametrization final : public ProjectedEnergy {
       return defined;
     }
     if (Y.rows() == 3 && derivative == nullptr) {
-      const SurfaceFrame B = surface_frame(domain, t);
-      const bool defined = closest_rotation(Eigen::Matrix2d(B * Y.topLeftCorner<3, 2>()), R);
-      if (defined) c.topLeftCorner<3, 2>().noalias() = B.transpose() * R;
+      const Eigen::Map<const Eigen::Vector3d> normal(domain.normals().data() + std::ptrdiff_t{3} * t);
+      Matrix32 lifted;
+      const bool defined = closest_rotation(normal, Y.topLeftCorner<3, 2>(), lifted);
+      if (defined) c.topLeftCorner<3, 2>() = lifted;
       return defined;
     }
     const TangentFrame B = edge_frame(domain, t);

@@ -19,7 +19,7 @@
 namespace variform::benchmarks {
 namespace {
 
-constexpr int kIterations = 5;  // of a nonlinear method, after the set-up
+constexpr int kIterations = 20;  // of a nonlinear method, after the set-up
 
 // What is solved: an energy on a mesh with fixed vertices.
 struct Task {

@@ -265,8 +265,14 @@ Eigen::MatrixXd Reduction::right_hand_side(const SparseMatrix& H, const Matrix& 
                                            const Constraints& constraints) const {
   const Eigen::Index columns = g.cols();
   Eigen::MatrixXd rhs = Eigen::MatrixXd::Zero(matrix_.rows(), columns);
-  for (Index i = 0; i < unknown_count_; ++i) {
-    if (target_[i] >= 0) rhs.row(target_[i]) += g.row(i);
+  const auto add = [&](Index i) {
+    if (target_[i] < 0) return;
+    for (Eigen::Index column = 0; column < columns; ++column) rhs(target_[i], column) += g(i, column);
+  };
+  if (additions_.empty()) {  // no two of them to the same row
+    parallel_for(unknown_count_, add, 4096);
+  } else {
+    for (Index i = 0; i < unknown_count_; ++i) add(i);
   }
   if (!couplings_.empty()) {
     const Matrix fixed = fixed_part(constraints, columns);
@@ -321,9 +327,13 @@ Matrix Reduction::fixed_part(const Constraints& constraints, Eigen::Index column
 
 Matrix Reduction::expand(const Eigen::MatrixXd& Y, const Constraints& constraints, Eigen::Index columns) const {
   Matrix X = fixed_part(constraints, columns);
-  for (Index i = 0; i < unknown_count_; ++i) {
-    if (target_[i] >= 0) X.row(i) = Y.row(target_[i]);
-  }
+  parallel_for(
+      unknown_count_,
+      [&](Index i) {
+        if (target_[i] < 0) return;
+        for (Eigen::Index column = 0; column < columns; ++column) X(i, column) = Y(target_[i], column);
+      },
+      4096);
   return X;
 }
 

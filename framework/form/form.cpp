@@ -87,43 +87,64 @@ Matrix Form::residual(const Matrix& X) const {
   return R;
 }
 
-// N and Columns: known to the compiler, or 0.
-template <int N, int Columns>
-void Form::residual_of_sites(const Eigen::Ref<const Matrix>& X, Matrix& R) const {
-  const int n = N > 0 ? N : residuals_;
-  const int columns = Columns > 0 ? Columns : columns_;
-  parallel_for(site_count(), [&](Index s) {
-    const double* E = block_data(s);
-    const double* c = target_data(s);
-    double* r = R.data() + static_cast<std::size_t>(s) * R.cols();
-    for (int j = 0; j < n * columns; ++j) r[j] = -c[j];
-    for (int i = 0; i < site_size(s); ++i) {
-      for (int k = 0; k < unknowns_; ++k, E += n) {
-        const double* x = X.data() + (static_cast<std::ptrdiff_t>(node(s, i)) * unknowns_ + k) * X.outerStride();
-        for (int column = 0; column < columns; ++column) {
-          for (int l = 0; l < n; ++l) r[column * n + l] += E[l] * x[column];
-        }
-      }
-    }
-  });
+namespace {
+
+// Calls with<N, Columns>() for the sizes of the common nonlinear energies, which the compiler then knows, else with
+// zeros.
+template <class With>
+auto with_sizes(int residuals, int columns, const With& with) {
+  const std::pair<int, int> sizes = {residuals, columns};
+  if (sizes == std::pair(2, 2)) return with.template operator()<2, 2>();
+  if (sizes == std::pair(3, 2)) return with.template operator()<3, 2>();
+  if (sizes == std::pair(3, 3)) return with.template operator()<3, 3>();
+  return with.template operator()<0, 0>();
 }
 
-void Form::residual(const Eigen::Ref<const Matrix>& X, Matrix& R) const {
+}  // namespace
+
+template <int N, int Columns>
+void Form::residual_of_site(Index s, const Eigen::Ref<const Matrix>& X, double* r) const {
+  const int n = N > 0 ? N : residuals_;
+  const int columns = Columns > 0 ? Columns : columns_;
+  const double* E = block_data(s);
+  const double* c = target_data(s);
+  for (int j = 0; j < n * columns; ++j) r[j] = -c[j];
+  for (int i = 0; i < site_size(s); ++i) {
+    for (int k = 0; k < unknowns_; ++k, E += n) {
+      const double* x = X.data() + (static_cast<std::ptrdiff_t>(node(s, i)) * unknowns_ + k) * X.outerStride();
+      for (int column = 0; column < columns; ++column) {
+        for (int l = 0; l < n; ++l) r[column * n + l] += E[l] * x[column];
+      }
+    }
+  }
+}
+
+void Form::check_unknowns(const Eigen::Ref<const Matrix>& X) const {
   if (X.rows() != unknown_count() || X.cols() != columns_) {
     throw UsageError(
         fmt::format("form: expected {} x {} unknowns, got {} x {}", unknown_count(), columns_, X.rows(), X.cols()));
   }
+}
+
+void Form::residual(const Eigen::Ref<const Matrix>& X, Matrix& R) const {
+  check_unknowns(X);
   R.resize(site_count(), residuals_ * columns_);
-  const std::pair<int, int> sizes = {residuals_, columns_};
-  // The sizes of the common nonlinear energies.
-  if (sizes == std::pair(2, 2))
-    residual_of_sites<2, 2>(X, R);
-  else if (sizes == std::pair(3, 2))
-    residual_of_sites<3, 2>(X, R);
-  else if (sizes == std::pair(3, 3))
-    residual_of_sites<3, 3>(X, R);
-  else
-    residual_of_sites<0, 0>(X, R);
+  with_sizes(residuals_, columns_, [&]<int N, int Columns>() {
+    parallel_for(site_count(), [&](Index s) { residual_of_site<N, Columns>(s, X, R.data() + s * R.cols()); });
+  });
+}
+
+double Form::squared_residual(const Eigen::Ref<const Matrix>& X, const Vector& weights) const {
+  check_unknowns(X);
+  const Eigen::Index size = residuals_ * columns_;
+  return with_sizes(residuals_, columns_, [&]<int N, int Columns>() {
+    return parallel_sum(site_count(), [&](Index s) {
+      constexpr int kSize = N > 0 ? N * Columns : Eigen::Dynamic;
+      Eigen::Matrix<double, kSize, 1> r(size);
+      residual_of_site<N, Columns>(s, X, r.data());
+      return weights[s] * r.squaredNorm();
+    });
+  });
 }
 
 Matrix as_unknowns(const Matrix& U, const Form& form) {

@@ -69,10 +69,14 @@ class Form {
   /// r(X) for unknowns X (unknown_count x columns): sites x (n * columns), row s is vec(r_s) column by column.
   Matrix residual(const Matrix& X) const;
   void residual(const Eigen::Ref<const Matrix>& X, Matrix& R) const;
+  /// Sum of weights[s] |r_s(X)|^2, without storing r.
+  double squared_residual(const Eigen::Ref<const Matrix>& X, const Vector& weights) const;
 
  private:
+  // N and Columns: residuals_ and columns_ if they are known to the compiler, else 0.
   template <int N, int Columns>
-  void residual_of_sites(const Eigen::Ref<const Matrix>& X, Matrix& R) const;
+  void residual_of_site(Index s, const Eigen::Ref<const Matrix>& X, double* r) const;
+  void check_unknowns(const Eigen::Ref<const Matrix>& X) const;
 
   std::size_t block_offset(Index s) const {
     return static_cast<std::size_t>(offsets_[s]) * static_cast<std::size_t>(residuals_ * unknowns_);

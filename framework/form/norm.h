@@ -70,6 +70,8 @@ class Norm {
   double squared(const Matrix& R) const;
   /// The same at beta = 0, E_P: sum_s A_s |r_s|^2 for cells; deterministic.
   double plain_squared(const Matrix& R) const;
+  /// The weights A_s of E_P where it couples no sites, else null.
+  const Vector* plain_weights() const { return plain_link_weights_.size() == 0 ? &plain_diagonal_ : nullptr; }
 
   /// W as a full symmetric sparse matrix, sites x sites. Throws UsageError when there are transports.
   SparseMatrix matrix() const;

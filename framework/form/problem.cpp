@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
+
 #include "framework/base/error.h"
 #include "framework/base/stopwatch.h"
 
@@ -253,10 +255,17 @@ Eigen::Map<const Matrix> unknowns_of(const Matrix& U, const Form& form) {
 
 }  // namespace
 
-EnergyValue Problem::value(const Matrix& U) const {
+EnergyValue Problem::value(const Matrix& U, bool variation) const {
   EnergyValue value;
   const Term& term = terms_.front();
   Matrix& R = residual_;
+  if (const Vector* weights = term.norm->plain_weights();
+      weights != nullptr && norm_.beta == 0.0 && !variation && terms_.size() == 1) {
+    value.total = value.plain = term.form.squared_residual(unknowns_of(U, term.form), *weights);
+    value.variation = std::nan("");
+    add_penalty(U, value);
+    return value;
+  }
   term.form.residual(unknowns_of(U, term.form), R);
   value.plain = term.norm->plain_squared(R);
   if (terms_.size() > 1) {
@@ -275,11 +284,15 @@ EnergyValue Problem::value(const Matrix& U) const {
     value.total = term.norm->squared(R);
     value.variation = 2.0 * half_norm().squared(R) - value.plain;
   }
+  add_penalty(U, value);
+  return value;
+}
+
+void Problem::add_penalty(const Matrix& U, EnergyValue& value) const {
   for (const auto& soft : constraints_.soft()) {
     const double weight = soft.weight > 0.0 ? soft.weight : default_soft_weight_;
     value.penalty += weight * (U.row(soft.vertex) - soft.value).squaredNorm();
   }
-  return value;
 }
 
 Index Problem::couple_targets(const Matrix& U) {

@@ -70,8 +70,9 @@ class Problem {
   /// Throws SolverError as LinearBackend does.
   Matrix solve(LinearBackend& backend);
 
-  /// E, E_P, E_R and the penalty of soft constraints at U with the current targets.
-  EnergyValue value(const Matrix& U) const;
+  /// E, E_P, E_R and the penalty of soft constraints at U with the current targets. Without `variation`, E_R is NaN
+  /// where beta = 0 leaves it out of E: it costs more than all else.
+  EnergyValue value(const Matrix& U, bool variation = true) const;
   /// r(U) with the current targets, sites x (n columns).
   Matrix residual(const Matrix& U) const;
 
@@ -92,6 +93,7 @@ class Problem {
   std::optional<Term> own_regularizer() const;
   void check_norm() const;
   const Norm& half_norm() const;  // tells E_R where beta = 0 leaves it out
+  void add_penalty(const Matrix& U, EnergyValue& value) const;
   void ensure_pattern();
   void ensure_matrix();
 

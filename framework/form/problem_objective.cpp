@@ -6,7 +6,7 @@ namespace variform {
 EnergyValue ProblemObjective::value(const Matrix& U) {
   if (!problem_.constraints().soft().empty()) problem_.reduced_matrix();  // fills in the default weight
   undefined_targets_ += problem_.refresh_target(U);
-  return problem_.value(U);
+  return problem_.value(U, false);
 }
 
 Matrix ProblemObjective::local_global_step(const Matrix& U) {

@@ -75,6 +75,16 @@ bool closest_rotation(const Eigen::Matrix2d& F, Eigen::Matrix2d& R, Eigen::Matri
   return true;
 }
 
+bool closest_rotation(const Eigen::Vector3d& normal, const Matrix32& F, Matrix32& R) {
+  // The similarity part of F maps the image axes to w and its quarter turn n x w; the rotation is that of length 1.
+  const Eigen::Vector3d w = F.col(0) - normal.cross(F.col(1));
+  const double length2 = w.squaredNorm();
+  if (!(length2 > kNotUnique * kNotUnique * F.squaredNorm())) return false;
+  R.col(0) = w / std::sqrt(length2);
+  R.col(1) = normal.cross(R.col(0));
+  return true;
+}
+
 bool closest_rotation(const Eigen::Matrix3d& F, Eigen::Matrix3d& R, Matrix99* derivative) {
   if (derivative == nullptr && polar_rotation(F, R)) return true;
   if (derivative != nullptr) derivative->setZero();

@@ -6,6 +6,7 @@
 namespace variform {
 
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
+using Matrix32 = Eigen::Matrix<double, 3, 2>;
 using Matrix66 = Eigen::Matrix<double, 6, 6>;
 using Matrix99 = Eigen::Matrix<double, 9, 9>;
 
@@ -17,6 +18,10 @@ using Matrix99 = Eigen::Matrix<double, 9, 9>;
 /// Planar: R = [p q; -q p] / hypot(p, q) with p = f11 + f22, q = f12 - f21, always det +1 (methods: errata C4). Not
 /// unique for reflected similarities.
 bool closest_rotation(const Eigen::Matrix2d& F, Eigen::Matrix2d& R, Eigen::Matrix4d* derivative = nullptr);
+
+/// In a plane of space with unit normal n: for F whose columns lie in that plane, B' R with the closest rotation R of
+/// B F, the same for all frames B (2 x 3) of the plane that n orients.
+bool closest_rotation(const Eigen::Vector3d& normal, const Matrix32& F, Matrix32& R);
 
 /// In space, through the singular value decomposition with det R = +1: the sign goes to the smallest singular value.
 /// Not unique when the two smallest signed singular values sum to zero.

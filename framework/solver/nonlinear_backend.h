@@ -14,7 +14,7 @@ namespace variform {
 struct EnergyValue {
   double total = 0.0;      ///< E = ||r||^2_W
   double plain = 0.0;      ///< E_P, the energy without regularization
-  double variation = 0.0;  ///< E_R, what beta weighs
+  double variation = 0.0;  ///< E_R, what beta weighs; NaN in histories with beta = 0, which do not need it
   double penalty = 0.0;    ///< of soft constraints, sum of weight |u - value|^2
 
   /// What is minimized.

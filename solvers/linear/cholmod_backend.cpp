@@ -8,6 +8,7 @@
 #include <string>
 
 #include "framework/base/parallel.h"
+#include "solvers/linear/hermitian_matrix.h"
 #include "solvers/linear/suitesparse.h"
 #endif
 
@@ -37,35 +38,80 @@ class CholmodBackend final : public LinearBackend {
     common_->supernodal = method == CholmodMethod::supernodal ? CHOLMOD_SUPERNODAL : CHOLMOD_SIMPLICIAL;
   }
 
-  ~CholmodBackend() override { free_factor(); }
+  ~CholmodBackend() override { free_factors(); }
 
   LinearCapabilities capabilities() const override { return kCapabilities; }
 
  private:
-  void free_factor() { cholmod_free_factor(&factor_, common_.get()); }
+  void free_factors() {
+    cholmod_free_factor(&factor_, common_.get());
+    cholmod_free_factor(&symbolic_, common_.get());
+  }
 
+  // The matrix that is factorized: K, or the Hermitian one of half its order that it stands for.
   cholmod_sparse view() const {
-    return cholmod_view<int>(matrix(), matrix().outerIndexPtr(), matrix().innerIndexPtr(), -1);
+    if (!complex_) return cholmod_view<int>(matrix(), matrix().outerIndexPtr(), matrix().innerIndexPtr(), -1);
+    cholmod_sparse view{};
+    view.nrow = view.ncol = static_cast<std::size_t>(hermitian_.size());
+    view.nzmax = hermitian_.rows().size();
+    view.p = const_cast<int*>(hermitian_.column_pointers().data());
+    view.i = const_cast<int*>(hermitian_.rows().data());
+    view.x = const_cast<double*>(hermitian_.values().data());
+    view.stype = -1;
+    view.itype = CHOLMOD_INT;
+    view.xtype = CHOLMOD_COMPLEX;
+    view.dtype = CHOLMOD_DOUBLE;
+    view.sorted = 1;
+    view.packed = 1;
+    return view;
+  }
+
+  // A block of right-hand sides. Pairs of real unknowns are complex ones in memory.
+  cholmod_dense view(const Eigen::MatrixXd& B, Eigen::Index from, Eigen::Index count) const {
+    cholmod_dense view = cholmod_view(B, from, count);
+    if (!complex_) return view;
+    view.nrow /= 2;
+    view.nzmax /= 2;
+    view.d /= 2;
+    view.xtype = CHOLMOD_COMPLEX;
+    return view;
   }
 
   void do_analyze() override {
-    free_factor();
+    complex_ = hermitian_.analyze(matrix());
+    analyze_pattern();
+  }
+
+  void analyze_pattern() {
+    free_factors();
     common_->memory_usage = common_->memory_inuse;
     cholmod_sparse A = view();
     factor_ = cholmod_analyze(&A, common_.get());
     check("analysis");
-    mutable_report().ordering = ordering_name(factor_->ordering);
-    mutable_report().nnz_factor = static_cast<std::int64_t>(common_->lnz);
-    mutable_report().flops = common_->fl;
+    if (factor_->is_super) symbolic_ = cholmod_copy_factor(factor_, common_.get());
+    // An entry of a complex factor is two numbers; a multiplication of complex numbers is four.
+    mutable_report().ordering = ordering_name(factor_->ordering) + (complex_ ? ", complex" : "");
+    mutable_report().nnz_factor = static_cast<std::int64_t>((complex_ ? 2.0 : 1.0) * common_->lnz);
+    mutable_report().flops = (complex_ ? 4.0 : 1.0) * common_->fl;
   }
 
   void do_factorize() override {
+    if (complex_ && !hermitian_.update(matrix())) {
+      complex_ = false;
+      analyze_pattern();
+    }
+    if (symbolic_ != nullptr && !factor_->is_super) {
+      cholmod_free_factor(&factor_, common_.get());
+      factor_ = cholmod_copy_factor(symbolic_, common_.get());
+      check("restoring of the analysis");
+    }
+    solves_ = 0;
     cholmod_sparse A = view();
     cholmod_factorize(&A, factor_, common_.get());
     check("factorization");
     if (factor_->minor < factor_->n) {
       fail(fmt::format("the matrix is not positive definite: the factorization stops at unknown {} of {}",
-                       unknown(factor_->minor), factor_->n));
+                       unknown(factor_->minor), matrix().rows()));
     }
     if (!factor_->is_ll) check_pivots();
   }
@@ -75,19 +121,35 @@ class CholmodBackend final : public LinearBackend {
     const int* start = static_cast<const int*>(factor_->p);
     const double* values = static_cast<const double*>(factor_->x);
     for (std::size_t k = 0; k < factor_->n; ++k) {
-      const double pivot = values[start[k]];
+      const double pivot = values[(complex_ ? 2 : 1) * start[k]];
       if (!(pivot > 0.0)) {
         fail(fmt::format("the matrix is not positive definite: pivot {:.3g} at unknown {} of {}", pivot, unknown(k),
-                         factor_->n));
+                         matrix().rows()));
       }
     }
   }
 
-  int unknown(std::size_t k) const { return static_cast<const int*>(factor_->Perm)[k]; }
+  int unknown(std::size_t k) const { return (complex_ ? 2 : 1) * static_cast<const int*>(factor_->Perm)[k]; }
+
+  // Dense blocks pay for the zeros that they store with many columns only: a factorization that is used again and again
+  // with a few becomes a simplicial one, whose solves take half the time.
+  void prepare_factor(Eigen::Index columns) {
+    constexpr Eigen::Index kFewColumns = 3;
+    constexpr int kLdl = 0;
+    constexpr int kSimplicial = 0;
+    constexpr int kPacked = 1;
+    constexpr int kMonotonic = 1;
+    if (!factor_->is_super || complex_ || columns > kFewColumns || ++solves_ < 2) return;
+    cholmod_change_factor(factor_->xtype, kLdl, kSimplicial, kPacked, kMonotonic, factor_, common_.get());
+    cholmod_sparse A = view();
+    cholmod_resymbol(&A, nullptr, 0, kPacked, factor_, common_.get());  // without the zeros
+    check("conversion of the factor");
+  }
 
   // Right-hand sides in two halves at a time: a few columns are bound by one core, not by memory. The halves do not
   // depend on the number of threads, so neither do the bits of the solution.
   Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override {
+    prepare_factor(B.cols());
     const Eigen::Index split = (B.cols() + 1) / 2;
     Eigen::MatrixXd X(B.rows(), B.cols());
     std::array<std::string, 2> errors;
@@ -96,10 +158,13 @@ class CholmodBackend final : public LinearBackend {
       const Eigen::Index count = half == 0 ? split : B.cols() - split;
       if (count == 0) return;
       SolveSpace& space = spaces_[half];
-      cholmod_dense right = cholmod_view(B, from, count);
+      cholmod_dense right = view(B, from, count);
       cholmod_solve2(CHOLMOD_A, factor_, &right, nullptr, &space.X, nullptr, &space.Y, &space.E, space.common.get());
       errors[half] = space.common.error();
-      if (errors[half].empty()) X.middleCols(from, count) = eigen_view(*space.X);
+      if (errors[half].empty()) {
+        X.middleCols(from, count) =
+            Eigen::Map<const Eigen::MatrixXd>(static_cast<const double*>(space.X->x), X.rows(), count);
+      }
     };
     parallel_for(
         2, [&](Index half) { solve_half(half); }, 1);
@@ -129,7 +194,11 @@ class CholmodBackend final : public LinearBackend {
   };
 
   CholmodCommon<int> common_;
+  HermitianMatrix hermitian_;
+  bool complex_ = false;  // hermitian_ is factorized in place of the matrix
   cholmod_factor* factor_ = nullptr;
+  cholmod_factor* symbolic_ = nullptr;  // supernodal analysis, which a conversion of the factor loses
+  int solves_ = 0;                      // with a few columns, since the last factorization
   std::array<SolveSpace, 2> spaces_;
 };
 

@@ -50,6 +50,26 @@ TEST(ClosestRotation, PlanarIsARotationAndNoOtherIsCloser) {
   }
 }
 
+TEST(ClosestRotation, OfAPlaneInSpaceIsThePlanarOneInEveryFrame) {
+  std::srand(8);
+  for (int sample = 0; sample < 50; ++sample) {
+    const Eigen::Matrix3d Q = Eigen::Quaterniond::UnitRandom().toRotationMatrix();
+    const Matrix23 B = Q.topRows<2>();  // oriented by the third row
+    const Eigen::Matrix2d F = Eigen::Matrix2d::Random();
+    Eigen::Matrix2d planar;
+    ASSERT_TRUE(closest_rotation(F, planar));
+    Matrix32 R;
+    ASSERT_TRUE(closest_rotation(Eigen::Vector3d(Q.row(2)), Matrix32(B.transpose() * F), R));
+    EXPECT_LT((R - B.transpose() * planar).norm(), 1e-14);
+    Eigen::Matrix2d reflected;  // as far from all rotations
+    reflected << 1.0, 0.0, 0.0, -1.0;
+    Matrix32 unchanged = R;
+    EXPECT_FALSE(closest_rotation(Eigen::Vector3d::UnitZ(),
+                                  Matrix32(Eigen::Matrix3d::Identity().leftCols<2>() * reflected), unchanged));
+    EXPECT_EQ(unchanged, R);
+  }
+}
+
 TEST(ClosestRotation, InSpaceIsARotationAndNoOtherIsCloser) {
   std::srand(2);
   for (int sample = 0; sample < 50; ++sample) {
