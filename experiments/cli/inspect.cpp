@@ -18,6 +18,7 @@
 #include "framework/experiment/domain_source.h"
 #include "framework/experiment/viewer.h"
 #include "framework/form/problem_objective.h"
+#include "solvers/eigen/eigen_backends.h"
 #include "solvers/linear/blas.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
@@ -35,7 +36,8 @@ std::string effective_licence() {
   };
   if (std::ranges::any_of(linear_backends().entries(), gpl) ||
       std::ranges::any_of(nonlinear_backends().entries(), gpl)) {
-    return "GPL-2.0-or-later (SuiteSparse is linked in; the sources of variform are BSD-3-Clause)";
+    return "GPL-2.0-or-later (GPL parts of SuiteSparse are linked in, by a backend or by PETSc; the sources of "
+           "variform are BSD-3-Clause)";
   }
   return "BSD-3-Clause (no SuiteSparse; Eigen is MPL-2.0)";
 }
@@ -88,6 +90,30 @@ bool try_nonlinear_backends() {
   return well;
 }
 
+// A diagonal matrix, whose eigenvalues are known, with each eigen backend.
+bool try_eigen_backends() {
+  bool well = true;
+  for (const EigenBackendEntry& entry : eigen_backends().entries()) {
+    if (!entry.available) {
+      fmt::print("{}: not in this build; install {} and configure again\n", entry.name, entry.package);
+      well = false;
+      continue;
+    }
+    SparseMatrix K(50, 50);
+    K.setIdentity();
+    for (Index i = 0; i < 50; ++i) K.valuePtr()[i] = 1.0 + i;
+    try {
+      const auto backend = make_eigen_backend(entry.name);
+      const EigenPairs pairs = backend->solve(K, SparseMatrix(), 3);
+      fmt::print("{}: works (error {:.1e})\n", entry.name, (pairs.values - Eigen::Vector3d(1.0, 2.0, 3.0)).norm());
+    } catch (const Error& error) {
+      fmt::print("{}: FAILS: {}\n", entry.name, error.what());
+      well = false;
+    }
+  }
+  return well;
+}
+
 }  // namespace
 
 std::vector<std::pair<std::string, std::string>> provenance() {
@@ -115,6 +141,12 @@ ExitCode list(const std::string& what) {
     }
     fmt::print("nonlinear backends ([solver] nonlinear)\n");
     for (const NonlinearBackendEntry& e : nonlinear_backends().entries()) {
+      fmt::print("  {:<22}{}{}\n", e.name, e.doc,
+                 e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
+      list_parameters(e.parameters);
+    }
+    fmt::print("eigen backends (no config uses them yet)\n");
+    for (const EigenBackendEntry& e : eigen_backends().entries()) {
       fmt::print("  {:<22}{}{}\n", e.name, e.doc,
                  e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
       list_parameters(e.parameters);
@@ -236,6 +268,7 @@ ExitCode doctor() {
     }
   }
   well = try_nonlinear_backends() && well;
+  well = try_eigen_backends() && well;
   const bool plots = std::system("command -v gnuplot > /dev/null 2>&1") ==
                      0;  // NOLINT(bugprone-command-processor,cert-env33-c): fixed text
   fmt::print("gnuplot: {}\n", plots ? "found" : "not found: line plots are left out (package gnuplot-nox)");

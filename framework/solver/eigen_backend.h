@@ -98,7 +98,8 @@ class EigenBackend {
   void factorize();
   Eigen::MatrixXd apply_mass_all(const Eigen::MatrixXd& X) const;
   EigenPairs rayleigh_ritz(const Eigen::MatrixXd& basis, Index count) const;
-  Eigen::MatrixXd search_complement(const EigenPairs& found);
+  EigenPairs purified(const EigenPairs& pairs);
+  Eigen::MatrixXd search_complement(const EigenPairs& found, unsigned seed);
 
   std::unique_ptr<LinearBackend> inner_;
   SparseMatrix stiffness_;

@@ -61,11 +61,10 @@ class Slepc final : public EigenBackend {
     PetscCall(MatShellGetContext(M, &self));
     return self->act(in, out, [self](const Eigen::Ref<const Vector>& x) { return self->apply_mass(x); });
   }
-  static PetscErrorCode transform(ST st, Vec in, Vec out) {
+  static PetscErrorCode solve_shifted(PC pc, Vec in, Vec out) {
     Slepc* self = nullptr;
-    PetscCall(STShellGetContext(st, &self));
-    return self->act(in, out,
-                     [self](const Eigen::Ref<const Vector>& x) { return self->apply_inverse(self->apply_mass(x)); });
+    PetscCall(PCShellGetContext(pc, &self));
+    return self->act(in, out, [self](const Eigen::Ref<const Vector>& b) { return self->apply_inverse(b); });
   }
 
   Eigen::MatrixXd iterate(Index count, Index subspace, const Vector& start) override {
@@ -85,19 +84,27 @@ class Slepc final : public EigenBackend {
         PetscCall(MatCreateShell(world, n, n, n, n, this, mass.create()));
         PetscCall(MatShellSetOperation(mass, MATOP_MULT, reinterpret_cast<void (*)()>(multiply_mass)));
         PetscCall(MatSetOption(mass, MAT_HERMITIAN, PETSC_TRUE));
-        // K itself is asked for its sizes only: the transformation is ours.
+        // K is asked for its sizes only: K - shift M is solved with, never multiplied by.
         PetscCall(MatCreateShell(world, n, n, n, n, this, stiffness.create()));
         PetscCall(MatSetOption(stiffness, MAT_HERMITIAN, PETSC_TRUE));
         PetscCall(EPSCreate(world, eps.create()));
         PetscCall(EPSSetOperators(eps, stiffness, mass));
         PetscCall(EPSSetProblemType(eps, EPS_GHEP));
         PetscCall(EPSSetType(eps, EPSKRYLOVSCHUR));
+        PetscCall(EPSSetWhichEigenpairs(eps, EPS_TARGET_MAGNITUDE));
+        PetscCall(EPSSetTarget(eps, report().shift));
         ST st = nullptr;
+        KSP ksp = nullptr;
+        PC pc = nullptr;
         PetscCall(EPSGetST(eps, &st));
-        PetscCall(STSetType(st, STSHELL));
-        PetscCall(STShellSetContext(st, this));
-        PetscCall(STShellSetApply(st, transform));
-        PetscCall(EPSSetWhichEigenpairs(eps, EPS_LARGEST_MAGNITUDE));
+        PetscCall(STSetType(st, STSINVERT));
+        PetscCall(STSetMatMode(st, ST_MATMODE_SHELL));
+        PetscCall(STGetKSP(st, &ksp));
+        PetscCall(KSPSetType(ksp, KSPPREONLY));
+        PetscCall(KSPGetPC(ksp, &pc));
+        PetscCall(PCSetType(pc, PCSHELL));
+        PetscCall(PCShellSetContext(pc, this));
+        PetscCall(PCShellSetApply(pc, solve_shifted));
         PetscCall(EPSSetDimensions(eps, count, subspace, PETSC_DEFAULT));
         PetscCall(EPSSetTolerances(eps, options.tolerance, options.max_iterations));
         PetscCall(VecCreateSeqWithArray(world, 1, n, start.data(), vector.create()));

@@ -25,6 +25,7 @@
 #include "experiments/pipelines.h"
 #include "framework/experiment/domain_source.h"
 #include "framework/form/norm.h"
+#include "solvers/eigen/eigen_backends.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
 #include "tests/experiment/temporary_folder.h"
@@ -755,6 +756,7 @@ TEST_F(Cli, ListShowsEverythingThatIsRegistered) {
   for (const std::string& name : energies().names()) expect_listed(name);
   for (const std::string& name : linear_backends().names()) expect_listed(name);
   for (const std::string& name : nonlinear_backends().names()) expect_listed(name);
+  for (const std::string& name : eigen_backends().names()) expect_listed(name);
   for (const std::string& name : generators().names()) expect_listed(name);
   for (const std::string& name : facet_weight_names()) expect_listed(name);
   for (const PipelineEntry& entry : pipelines().entries()) {
@@ -792,6 +794,9 @@ TEST_F(Cli, DoctorTriesEveryBackend) {
   const Result result = call({"doctor"});
   EXPECT_EQ(result.code, 0);
   for (const LinearBackendEntry& entry : linear_backends().entries()) {
+    EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
+  }
+  for (const EigenBackendEntry& entry : eigen_backends().entries()) {
     EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
   }
   EXPECT_THAT(result.out, HasSubstr("gnuplot: "));
