@@ -378,6 +378,7 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
   result.trace = std::move(outcome.trace);
   result.trace.solution = outcome.U;
   result.trace.length_scale = study.domain.diameter();
+  result.trace.linear_residuals = study.solver.linear->report().residual_history;
 
   Row& row = result.metrics;
   row.set("beta", beta);
@@ -396,6 +397,7 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
   const LinearReport& linear = study.solver.linear->report();
   row.set("solver", linear.backend);
   row.set("solver_residual", linear.residual);
+  row.set("linear_iterations", static_cast<std::int64_t>(linear.iterations));
   row.set("unknowns", static_cast<std::int64_t>(linear.columns));
   row.set("nnz_H", static_cast<std::int64_t>(linear.nnz_matrix));
   row.set("nnz_L", linear.nnz_factor >= 0 ? Value(static_cast<std::int64_t>(linear.nnz_factor)) : Value());
@@ -443,6 +445,7 @@ std::vector<Metric> study_metrics(const std::vector<Metric>& own) {
       {{"nonlinear"}, "nonlinear backend; none for linear energies"},
       {{"solver"}, "linear backend that did the work"},
       {{"solver_residual", "residual", "", 2}, "relative residual of the last solve"},
+      {{"linear_iterations", "linear iterations"}, "of the last solve; 0 for direct backends"},
       {{"unknowns"}, "of the linear system"},
       {{"nnz_H"}, "entries of its lower triangle"},
       {{"nnz_L"}, "entries of the factor"},
