@@ -97,7 +97,7 @@ TEST(ProcessPool, AProcessThatSaysItHasNoMemoryIsBelieved) {
 
 TEST(ProcessPool, TheMemoryOfThisProcessDoesNotCount) {
   std::vector<char> much(std::size_t{300} << 20, 1);
-  const ProcessResult result = result_of(child({"hog", "32"}), {.memory_mib = 200.0});
+  const ProcessResult result = result_of(child({"hog", "32", "1"}), {.memory_mib = 200.0});
   EXPECT_EQ(result.outcome, ProcessOutcome::ok) << result.reason;
   EXPECT_GT(result.peak_memory_mib, 32.0);
   EXPECT_LT(result.peak_memory_mib, 200.0);
