@@ -903,6 +903,38 @@ TEST_F(Cli, PointsWithoutResultAreRowsAndTheExitCodeSaysSo) {
   EXPECT_THAT(content_of(at("out/table.csv")), HasSubstr("1,failed,\"linear backend 'eigen.cg': no convergence"));
 }
 
+TEST_F(Cli, AMeshThatIsNotThereCostsItsPointOnly) {
+  write("mesh.obj", kMesh);
+  write("study.toml", R"(pipeline = "deform"
+domain = {}
+energy = { type = "arap" }
+sweep = { "domain.mesh" = ["absent.obj", "mesh.obj"] }
+[[constraint]]
+kind = "hard"
+vertices = [1, 3]
+)");
+  for (const std::string jobs : {"0", "1"}) {
+    const Result result = run_study({"--jobs", jobs});
+    EXPECT_EQ(result.code, 3);
+    EXPECT_THAT(result.err, HasSubstr("warning: absent.obj: failed: "));
+    EXPECT_EQ(record()["rows"][1]["status"], "ok");
+  }
+}
+
+TEST_F(Cli, ReproduceGoesOnAfterPointsWithoutResultAndSaysSo) {
+  const std::string broken =
+      "[sweep]\n\"solver.linear_options.max_iterations\" = [1, 1000]\n[solver]\nlinear = \"eigen.cg\"\n";
+  write("set/broken.toml", kStudy + kClaim + broken);
+  write("set/whole.toml", kStudy + kClaim);
+  const Result result = call({"reproduce", "{}/set", "--out", "{}/out", "--no-figures", "--jobs", "2"});
+  EXPECT_EQ(result.code, 4);
+  EXPECT_THAT(result.err, HasSubstr("warning: max_iterations = 1: failed: "));
+  EXPECT_THAT(result.out, HasSubstr("2 claims, 1 of them not held; 1 experiments with errors"));
+  const std::string claims = content_of(at("out/claims.csv"));
+  EXPECT_THAT(claims, HasSubstr(",undecided"));
+  EXPECT_THAT(claims, HasSubstr(",holds"));
+}
+
 TEST_F(Cli, LimitsHoldForEveryPoint) {
   write("study.toml", kStudy + "[sweep]\n\"solver.max_iterations\" = [1, 1000000000]\n");
   const Result result = run_study({"--time-limit", "2", "--set", "energy.type=arap", "--set", "domain.h=0.05", "--set",
