@@ -185,12 +185,12 @@ class Process {
   const ProcessResult& result() const { return result_; }
 
   /// Asks it to end; has_ended kills it if it does not within the grace.
-  void end(ProcessOutcome why) {
+  void end(ProcessOutcome why, int signal = SIGTERM) {
     if (id_ <= 0 || is_asked_) return;
     is_asked_ = true;
     asked_at_ = watch_.seconds();
     result_.outcome = why;
-    kill(-id_, SIGTERM);
+    kill(-id_, signal);
   }
 
   /// Looks after its limits; true when it has ended and the result is complete.
@@ -203,8 +203,7 @@ class Process {
     }
     if (const double peak = status_mib(id_, "VmHWM"); peak > 0.0) result_.peak_memory_mib = peak;
     if (limits_.memory_mib > 0.0 && result_.peak_memory_mib > limits_.memory_mib) {
-      end(ProcessOutcome::out_of_memory);
-      kill(-id_, SIGKILL);  // every moment of grace would take more
+      end(ProcessOutcome::out_of_memory, SIGKILL);  // a moment of grace would take more
     }
     if (limits_.seconds > 0.0 && watch_.seconds() > limits_.seconds) end(ProcessOutcome::timed_out);
     if (is_asked_ && watch_.seconds() > asked_at_ + kGrace) kill(-id_, SIGKILL);

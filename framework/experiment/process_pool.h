@@ -34,14 +34,16 @@ inline constexpr int kExitOutOfMemory = 12;
 /// What is known of a process at its end.
 struct ProcessResult {
   ProcessOutcome outcome = ProcessOutcome::interrupted;
-  int exit_code = -1;            ///< -1: it did not exit by itself
-  int signal = 0;                ///< that killed it; 0: none
-  std::string reason = {};       ///< in words, one line; empty when ok
-  std::string output = {};       ///< standard output
-  std::string error = {};        ///< standard error; of long texts the end
-  double wall_seconds = 0.0;     ///< from start to end
-  double cpu_seconds = 0.0;      ///< user and system time of all its threads
-  double peak_memory_mib = 0.0;  ///< largest resident memory; 0: ended before it could be seen
+  int exit_code = -1;         ///< -1: it did not exit by itself
+  int signal = 0;             ///< that killed it; 0: none
+  std::string reason = {};    ///< in words, one line; empty when ok
+  std::string output = {};    ///< standard output
+  std::string error = {};     ///< standard error; of long texts the end
+  double wall_seconds = 0.0;  ///< from start to end
+  double cpu_seconds = 0.0;   ///< user and system time of all its threads
+  /// Largest resident memory. Exact above the memory of this process when it started the other; below, the largest
+  /// that was seen, every few milliseconds (the system counts the image of this process before the execution).
+  double peak_memory_mib = 0.0;
 };
 
 struct ProcessLimits {

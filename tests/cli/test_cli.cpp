@@ -853,7 +853,7 @@ TEST_F(Cli, SweepsOfOtherKindsComeFromTheCommandLine) {
 
   for (const std::string option : {"--random", "--lhs"}) {
     const Result result = sweep({option, "norm.beta={ min = 0.01, max = 0.5, scale = \"log\" }", option,
-                                 "energy.type=[\"asap\", \"larap\"]", option, "domain.h=[0.25, 0.5]", "--samples", "4",
+                                 "energy.type=[\"asap\", \"larap\"]", option, "domain.h=[0.1, 0.25]", "--samples", "4",
                                  "--seed", "5", "--set", "sweep.seed_key=domain.seed"});
     EXPECT_EQ(result.code, 0) << result.err;
     rows = record()["rows"];
@@ -861,7 +861,7 @@ TEST_F(Cli, SweepsOfOtherKindsComeFromTheCommandLine) {
     std::map<std::string, int> types;
     for (const nlohmann::json& row : rows) {
       EXPECT_TRUE(row["norm.beta"] >= 0.01 && row["norm.beta"] <= 0.5);
-      EXPECT_TRUE(row["domain.h"] >= 0.25 && row["domain.h"] <= 0.5);
+      EXPECT_TRUE(row["domain.h"] >= 0.1 && row["domain.h"] <= 0.25);
       EXPECT_TRUE(row["seed"].is_number_integer());
       ++types[row["energy.type"]];
     }
@@ -908,14 +908,46 @@ TEST_F(Cli, PointsWithoutResultAreRowsAndTheExitCodeSaysSo) {
   EXPECT_THAT(content_of(at("out/table.csv")), HasSubstr("1,failed,\"linear backend 'eigen.cg': no convergence"));
 }
 
+TEST_F(Cli, AMeshThatIsNotThereCostsItsPointOnly) {
+  write("mesh.obj", kMesh);
+  write("study.toml", R"(pipeline = "deform"
+domain = {}
+energy = { type = "arap" }
+sweep = { "domain.mesh" = ["absent.obj", "mesh.obj"] }
+[[constraint]]
+kind = "hard"
+vertices = [1, 3]
+)");
+  for (const std::string jobs : {"0", "1"}) {
+    const Result result = run_study({"--jobs", jobs});
+    EXPECT_EQ(result.code, 3);
+    EXPECT_THAT(result.err, HasSubstr("warning: absent.obj: failed: "));
+    EXPECT_EQ(record()["rows"][1]["status"], "ok");
+  }
+}
+
+TEST_F(Cli, ReproduceGoesOnAfterPointsWithoutResultAndSaysSo) {
+  const std::string broken =
+      "[sweep]\n\"solver.linear_options.max_iterations\" = [1, 1000]\n[solver]\nlinear = \"eigen.cg\"\n";
+  write("set/broken.toml", kStudy + kClaim + broken);
+  write("set/whole.toml", kStudy + kClaim);
+  const Result result = call({"reproduce", "{}/set", "--out", "{}/out", "--no-figures", "--jobs", "2"});
+  EXPECT_EQ(result.code, 4);
+  EXPECT_THAT(result.err, HasSubstr("warning: max_iterations = 1: failed: "));
+  EXPECT_THAT(result.out, HasSubstr("2 claims, 1 of them not held; 1 experiments with errors"));
+  const std::string claims = content_of(at("out/claims.csv"));
+  EXPECT_THAT(claims, HasSubstr(",undecided"));
+  EXPECT_THAT(claims, HasSubstr(",holds"));
+}
+
 TEST_F(Cli, LimitsHoldForEveryPoint) {
-  write("study.toml", kStudy + "[sweep]\n\"domain.h\" = [0.25, 0.002]\n");
-  const Result result = run_study(
-      {"--time-limit", "0.5", "--set", "constraint[0].vertices=[0, 1]", "--set", "constraint[1].vertices=[2, 3]"});
+  write("study.toml", kStudy + "[sweep]\n\"solver.max_iterations\" = [1, 1000000000]\n");
+  const Result result = run_study({"--time-limit", "2", "--set", "energy.type=arap", "--set", "domain.h=0.05", "--set",
+                                   "constraint[1].vertices=[400]", "--set", "solver.tolerance=1e-300"});
   EXPECT_EQ(result.code, 4);
   EXPECT_EQ(record()["rows"][0]["status"], "ok") << result.err;
   EXPECT_EQ(record()["rows"][1]["status"], "timed_out");
-  EXPECT_EQ(record()["rows"][1]["reason"], "more than 0.5 s");
+  EXPECT_EQ(record()["rows"][1]["reason"], "more than 2 s");
   write("study.toml", kStudy);
   const Result single = run_study({"--memory-limit", "1"});
   EXPECT_EQ(single.code, 4);

@@ -250,5 +250,24 @@ TEST(Config, LoadNamesWhatCannotBeRead) {
   EXPECT_EQ(config.folder(), folder.path());
 }
 
+TEST(Config, AMessageCarriesEverythingThatErrorsAndRunsSee) {
+  const std::string text =
+      "b = true\n[table]\n\"quoted.key\" = [1, 2.5, \"three\"]\nempty = {}\ninf = -inf\nthird = 0.3333333333333333\n"
+      "[[list]]\nx = 1.0\n[[list]]\ny = 9223372036854775807\n";
+  const Config config = Config::parse(text, "study.toml", "/some/folder");
+  const Config copy = Config::from_message(config.message());
+  EXPECT_EQ(copy.text(), config.text());
+  EXPECT_EQ(copy.message(), config.message());
+  EXPECT_EQ(copy.folder(), config.folder());
+  EXPECT_EQ(copy.root().at("table").at("third").number(), 0.3333333333333333);
+  try {
+    copy.root().at("list").elements()[1].at("y").string();
+    ADD_FAILURE() << "no error";
+  } catch (const UsageError& error) {
+    EXPECT_STREQ(error.what(), "study.toml:10: key 'list[1].y': expected a string, got 9223372036854775807");
+  }
+  EXPECT_THROW(Config::from_message("{"), UsageError);
+}
+
 }  // namespace
 }  // namespace variform

@@ -85,7 +85,7 @@ TEST(ProcessPool, TheMemoryLimitEndsAHogAndNobodyElse) {
   EXPECT_EQ(results[0].outcome, ProcessOutcome::out_of_memory);
   EXPECT_EQ(results[0].reason, "more than 200 MiB");
   EXPECT_GT(results[0].peak_memory_mib, 200.0);
-  EXPECT_LT(results[0].peak_memory_mib, 1000.0);
+  EXPECT_EQ(results[0].signal, SIGKILL);
   EXPECT_EQ(results[1].outcome, ProcessOutcome::ok) << results[1].reason;
 }
 
@@ -97,7 +97,7 @@ TEST(ProcessPool, AProcessThatSaysItHasNoMemoryIsBelieved) {
 
 TEST(ProcessPool, TheMemoryOfThisProcessDoesNotCount) {
   std::vector<char> much(std::size_t{300} << 20, 1);
-  const ProcessResult result = result_of(child({"hog", "32"}), {.memory_mib = 200.0});
+  const ProcessResult result = result_of(child({"hog", "32", "1"}), {.memory_mib = 200.0});
   EXPECT_EQ(result.outcome, ProcessOutcome::ok) << result.reason;
   EXPECT_GT(result.peak_memory_mib, 32.0);
   EXPECT_LT(result.peak_memory_mib, 200.0);

@@ -60,7 +60,7 @@ int act(const std::vector<std::string>& words) {
     std::ofstream(words[1]) << "here";
     while (!std::filesystem::exists(words[2])) rest(0.001);
   } else if (what == "hog") {
-    variform::take_memory(static_cast<int>(number()));
+    variform::take_memory(static_cast<int>(number()), words.size() > 2 ? std::stod(words[2]) : 0.0);
   } else if (what == "bad_alloc") {
     return variform::kExitOutOfMemory;
   } else if (what == "pool") {  // runs this program as its child, which says its id into a file

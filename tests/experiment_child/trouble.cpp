@@ -54,7 +54,7 @@ const Registry<PipelineEntry>& trouble_pipelines() {
   return registry;
 }
 
-void take_memory(int mib) {
+void take_memory(int mib, double seconds) {
   constexpr std::size_t kBlock = std::size_t{8} << 20;
   std::vector<char*> blocks;
   for (int taken = 0; taken < mib; taken += 8) {
@@ -63,6 +63,7 @@ void take_memory(int mib) {
     std::memset(blocks.back(), taken % 7 + 1, kBlock);
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
   }
+  std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
   for (char* block : blocks) std::free(block);
 }
 

@@ -9,7 +9,7 @@ namespace variform {
 /// "throw", "abort", "hang", "hog", "bad_alloc" or "vanish" (end without a result).
 const Registry<PipelineEntry>& trouble_pipelines();
 
-/// Takes memory until it is stopped, or the given MiB are taken.
-void take_memory(int mib);
+/// Takes memory until it is stopped, or the given MiB are taken, and keeps it for some seconds.
+void take_memory(int mib, double seconds = 0.0);
 
 }  // namespace variform
