@@ -792,6 +792,9 @@ TEST_F(Cli, DoctorTriesEveryBackend) {
   for (const LinearBackendEntry& entry : linear_backends().entries()) {
     EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
   }
+  for (const NonlinearBackendEntry& entry : nonlinear_backends().entries()) {
+    EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
+  }
   EXPECT_THAT(result.out, HasSubstr("gnuplot: "));
 }
 
