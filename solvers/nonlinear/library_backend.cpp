@@ -5,8 +5,6 @@
 
 #include <limits>
 
-#include "framework/base/error.h"
-
 namespace variform {
 
 namespace {

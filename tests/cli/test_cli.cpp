@@ -799,6 +799,9 @@ TEST_F(Cli, DoctorTriesEveryBackend) {
   for (const EigenBackendEntry& entry : eigen_backends().entries()) {
     EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
   }
+  for (const NonlinearBackendEntry& entry : nonlinear_backends().entries()) {
+    EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
+  }
   EXPECT_THAT(result.out, HasSubstr("gnuplot: "));
 }
 
