@@ -110,7 +110,7 @@ Matrix99 symmetric_dirichlet_root(const Eigen::Matrix3d& F) {
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const Eigen::Matrix3d& U = svd.matrixU();
   const Eigen::Matrix3d& V = svd.matrixV();
-  const Eigen::Vector3d s = svd.singularValues();
+  const Eigen::Vector3d& s = svd.singularValues();
   Matrix99 R;
   for (int k = 0; k < 3; ++k) {
     const int i = (k + 1) % 3;
