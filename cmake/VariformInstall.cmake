@@ -14,7 +14,7 @@ foreach(folder framework energies solvers integrators experiments)
   install(DIRECTORY ${folder} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/variform FILES_MATCHING PATTERN "*.h"
           PATTERN "benchmarks" EXCLUDE)
 endforeach()
-install(DIRECTORY experiments/smoothed_energies DESTINATION ${CMAKE_INSTALL_DATADIR}/variform/experiments
+install(DIRECTORY experiments/smoothed_energies experiments/solvers DESTINATION ${CMAKE_INSTALL_DATADIR}/variform/experiments
         FILES_MATCHING PATTERN "*.toml")
 install(EXPORT variformTargets NAMESPACE variform:: DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/variform)
 configure_package_config_file(cmake/variformConfig.cmake.in ${PROJECT_BINARY_DIR}/variformConfig.cmake

@@ -84,6 +84,9 @@ class Reduction {
   /// True when there are multiplier rows: K is symmetric indefinite, else positive definite.
   bool indefinite() const { return multiplier_count_ > 0; }
 
+  /// Row of K for component c (below unknowns per vertex) of a vertex; -1: fixed.
+  Index row_of(Index vertex, int c) const { return target_[vertex * unknowns_ + c]; }
+
   /// Values of K from those of H, soft constraints added; returns the default soft weight that was used.
   double refill(const SparseMatrix& H, const Constraints& constraints);
   /// K, lower triangle.

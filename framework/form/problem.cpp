@@ -3,8 +3,11 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
+#include <utility>
 
 #include "framework/base/error.h"
 #include "framework/base/stopwatch.h"
@@ -172,6 +175,56 @@ const SparseMatrix& Problem::reduced_matrix() {
   return reduction_->matrix();
 }
 
+void Problem::hold(Index vertex, const Eigen::RowVectorXd& value) {
+  if (vertex < 0 || vertex >= domain_.vertex_count() || value.size() != traits_.dimension() || !value.allFinite()) {
+    throw UsageError(fmt::format("problem: hold vertex {} of {} at {} values: expected {} finite ones", vertex,
+                                 domain_.vertex_count(), value.size(), traits_.dimension()));
+  }
+  ensure_pattern();
+  const auto& identified = constraints_.identified();
+  const bool seam = std::any_of(
+      identified.begin(), identified.end(),
+      [vertex](const Constraints::Identification& pair) { return pair.first == vertex || pair.second == vertex; });
+  if (reduction_->row_of(vertex, 0) < 0 || seam) {
+    throw UsageError(fmt::format("problem: vertex {} cannot be held, a constraint fixes or identifies it", vertex));
+  }
+  held_[vertex] = value;
+}
+
+void Problem::release(Index vertex) {
+  if (held_.erase(vertex) == 0) throw UsageError(fmt::format("problem: vertex {} is not held", vertex));
+}
+
+// Brings the factorization to the held vertices; a fresh one holds none.
+void Problem::hold_in(LinearBackend& backend, bool fresh) {
+  if (fresh) held_rows_.clear();
+  std::set<Index> wanted;
+  for (const auto& [vertex, value] : held_) {
+    for (int c = 0; c < traits_.unknowns; ++c) wanted.insert(reduction_->row_of(vertex, c));
+  }
+  std::vector<Index> come;
+  std::vector<Index> go;
+  std::set_difference(wanted.begin(), wanted.end(), held_rows_.begin(), held_rows_.end(), std::back_inserter(come));
+  std::set_difference(held_rows_.begin(), held_rows_.end(), wanted.begin(), wanted.end(), std::back_inserter(go));
+  if (!come.empty()) backend.hold(come);
+  held_rows_.insert(come.begin(), come.end());
+  if (!go.empty()) backend.release(go);
+  held_rows_ = std::move(wanted);
+}
+
+// What couples to held unknowns goes to the right-hand side, where they have their values themselves.
+void Problem::move_held_to_right(const SparseMatrix& K, Eigen::MatrixXd& right_hand_side) const {
+  const Eigen::Index columns = right_hand_side.cols();
+  Eigen::MatrixXd values = Eigen::MatrixXd::Zero(K.rows(), columns);
+  for (const auto& [vertex, value] : held_) {
+    for (int c = 0; c < traits_.unknowns; ++c) {
+      values.row(reduction_->row_of(vertex, c)) = value.segment(c * columns, columns);
+    }
+  }
+  right_hand_side -= K.selfadjointView<Eigen::Lower>() * values;
+  for (const Index row : held_rows_) right_hand_side.row(row) = values.row(row);
+}
+
 Matrix Problem::solve(LinearBackend& backend) {
   ensure_matrix();
   const bool least_squares = backend.capabilities().least_squares && !backend.capabilities().spd;
@@ -224,9 +277,11 @@ Matrix Problem::solve(LinearBackend& backend) {
     factorization_ = backend.report().factorizations;
   }
   const Stopwatch watch;
+  if (!held_.empty() || !held_rows_.empty()) hold_in(backend, factorize);
   if (!least_squares) {
     right_hand_side = reduction_->right_hand_side(assembly_->matrix(), normal_right_hand_side(), constraints_);
   }
+  if (!held_.empty()) move_held_to_right(reduction_->matrix(), right_hand_side);
   const Eigen::MatrixXd Y = backend.solve(right_hand_side);
   Matrix U = reduction_->expand(Y, constraints_, columns);
   U.resize(domain_.vertex_count(), traits_.dimension());  // the same memory: rows of vertices

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "framework/form/assembly.h"
@@ -44,6 +46,14 @@ class Problem {
   const Constraints& constraints() const { return constraints_; }
   /// New values for the hard constraints, same vertices; no new factorization.
   void set_fixed_values(const Matrix& values) { constraints_.set_fixed_values(values); }
+
+  /// Holds a vertex at a value, or lets it go again: a handle that comes, moves or goes without a new factorization,
+  /// for solve() with a backend that can update its own (LinearCapabilities::update). The vertex must be free in the
+  /// constraints; a second call moves it. Everything but solve(), nonlinear backends that linearize among it, goes on
+  /// with the constraints alone. Throws UsageError for a vertex that is not there or not free, values that do not fit,
+  /// and a vertex to be released that is not held.
+  void hold(Index vertex, const Eigen::RowVectorXd& value);
+  void release(Index vertex);
 
   /// The energy's term first, then its own regularizer if it has one.
   const std::vector<Term>& terms() const { return terms_; }
@@ -101,6 +111,8 @@ class Problem {
   void add_penalty(const Matrix& U, EnergyValue& value) const;
   void ensure_pattern();
   void ensure_matrix();
+  void hold_in(LinearBackend& backend, bool fresh);
+  void move_held_to_right(const SparseMatrix& K, Eigen::MatrixXd& right_hand_side) const;
 
   const Domain& domain_;
   const Energy& energy_;
@@ -119,8 +131,10 @@ class Problem {
   const LinearBackend* factorized_in_ = nullptr;
   int factorization_ = -1;  // of that backend: another user may have factorized something else since
   double default_soft_weight_ = 0.0;
-  mutable Matrix residual_;                  // scratch of value()
-  mutable std::unique_ptr<Norm> half_norm_;  // W_n at beta = 1/2, see half_norm()
+  std::map<Index, Eigen::RowVectorXd> held_;  // vertices and their values
+  std::set<Index> held_rows_;                 // of K, in factorized_in_
+  mutable Matrix residual_;                   // scratch of value()
+  mutable std::unique_ptr<Norm> half_norm_;   // W_n at beta = 1/2, see half_norm()
   ProblemTimes times_;
 };
 

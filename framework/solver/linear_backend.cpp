@@ -3,8 +3,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <exception>
+#include <map>
 #include <new>
 
 #include "framework/base/error.h"
@@ -112,6 +114,7 @@ void LinearBackend::analyze(const SparseMatrix& A, MatrixKind kind) {
 void LinearBackend::factorize(const SparseMatrix& A, MatrixKind kind) {
   analyze(A, kind);
   factorized_ = false;
+  held_.clear();
   report_.factorize_seconds = run([&] {
     const Eigen::Map<const Vector> values(A.valuePtr(), A.nonZeros());
     if (!values.allFinite()) fail("the matrix holds values that are not finite");
@@ -121,6 +124,107 @@ void LinearBackend::factorize(const SparseMatrix& A, MatrixKind kind) {
   ++report_.factorizations;
   report_.ok = factorized_ = true;
   report_.reason.clear();
+}
+
+void LinearBackend::do_update(const SparseMatrix& /*C*/, int /*sign*/) { fail("no updates"); }
+void LinearBackend::do_hold(Index /*unknown*/) { fail("no updates"); }
+void LinearBackend::do_release(Index /*unknown*/, const SparseRow& /*row*/) { fail("no updates"); }
+
+void LinearBackend::check_update(const std::string& what) const {
+  if (!capabilities().update || kind_ != MatrixKind::spd) {
+    throw UsageError(
+        fmt::format("linear backend '{}': {} needs a backend that updates factorizations of positive "
+                    "definite matrices, as cholmod.simplicial does",
+                    report_.backend, what));
+  }
+  if (!factorized_) fail(what + " before factorize");
+}
+
+void LinearBackend::update(const SparseMatrix& C, int sign) {
+  check_update("update");
+  if (C.rows() != matrix_.rows() || !C.isCompressed() || (sign != 1 && sign != -1) || !held_.empty()) {
+    throw UsageError(
+        fmt::format("linear backend '{}': update by {} x {} of a {} x {} matrix: expected as many rows, "
+                    "compressed, a sign of 1 or -1 (got {}), and no unknowns held",
+                    report_.backend, C.rows(), C.cols(), matrix_.rows(), matrix_.cols(), sign));
+  }
+  report_.update_seconds = run([&] {
+    factorized_ = false;
+    SparseMatrix change = (static_cast<double>(sign) * C * C.transpose()).eval().triangularView<Eigen::Lower>();
+    SparseMatrix changed = matrix_ + change;
+    changed.makeCompressed();
+    // What was analysed is the pattern from before.
+    if (changed.nonZeros() != matrix_.nonZeros()) analyzed_ = false;
+    matrix_ = std::move(changed);
+    do_update(C, sign);
+  });
+  ++report_.updates;
+  report_.ok = factorized_ = true;
+}
+
+void LinearBackend::hold(const std::vector<Index>& unknowns) { change_held(unknowns, true); }
+void LinearBackend::release(const std::vector<Index>& unknowns) { change_held(unknowns, false); }
+
+void LinearBackend::change_held(const std::vector<Index>& unknowns, bool hold) {
+  const char* what = hold ? "hold" : "release";
+  check_update(what);
+  if (unknowns.empty()) return;
+  const auto n = static_cast<std::size_t>(matrix_.cols());
+  std::vector<bool> after = held_.empty() ? std::vector<bool>(n, false) : held_;
+  for (const Index i : unknowns) {
+    if (i < 0 || i >= matrix_.cols() || after[static_cast<std::size_t>(i)] == hold) {
+      throw UsageError(fmt::format("linear backend '{}': {} unknown {} of {}: it does not exist or {}", report_.backend,
+                                   what, i, n, hold ? "is held already" : "is not held"));
+    }
+    after[static_cast<std::size_t>(i)] = hold;
+  }
+  report_.update_seconds = run([&] {
+    factorized_ = false;
+    if (held_.empty()) {
+      free_values_ = Eigen::Map<const Vector>(matrix_.valuePtr(), matrix_.nonZeros());
+      held_.assign(n, false);
+    }
+    // The rows that come back, of the free matrix.
+    std::map<Index, SparseRow> rows;
+    if (!hold) {
+      for (const Index i : unknowns) rows[i];
+      const auto note = [&](Index row, Index column, double value) {
+        if (after[static_cast<std::size_t>(row)] != held_[static_cast<std::size_t>(row)]) {
+          rows[row].emplace_back(column, value);
+        }
+      };
+      for (Index j = 0; j < matrix_.cols(); ++j) {
+        for (Index k = matrix_.outerIndexPtr()[j]; k < matrix_.outerIndexPtr()[j + 1]; ++k) {
+          const Index i = matrix_.innerIndexPtr()[k];
+          note(i, j, free_values_[k]);
+          if (i != j) note(j, i, free_values_[k]);
+        }
+      }
+    }
+    for (const Index i : unknowns) {
+      held_[static_cast<std::size_t>(i)] = hold;
+      if (hold) {
+        do_hold(i);
+        continue;
+      }
+      SparseRow& row = rows[i];  // without what is still held
+      row.erase(std::remove_if(row.begin(), row.end(),
+                               [&](const auto& entry) { return held_[static_cast<std::size_t>(entry.first)]; }),
+                row.end());
+      std::sort(row.begin(), row.end());
+      do_release(i, row);
+    }
+    for (Index j = 0; j < matrix_.cols(); ++j) {
+      for (Index k = matrix_.outerIndexPtr()[j]; k < matrix_.outerIndexPtr()[j + 1]; ++k) {
+        const Index i = matrix_.innerIndexPtr()[k];
+        const bool gone = held_[static_cast<std::size_t>(i)] || held_[static_cast<std::size_t>(j)];
+        matrix_.valuePtr()[k] = !gone ? free_values_[k] : i == j ? 1.0 : 0.0;
+      }
+    }
+    if (std::find(held_.begin(), held_.end(), true) == held_.end()) held_.clear();
+  });
+  ++report_.updates;
+  report_.ok = factorized_ = true;
 }
 
 Eigen::MatrixXd LinearBackend::solve(const Eigen::MatrixXd& B) {

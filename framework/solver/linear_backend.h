@@ -21,13 +21,15 @@ enum class MatrixKind {
 
 std::string to_string(MatrixKind kind);
 
-/// Which kinds of matrices a backend takes, and whether it is a direct method.
+/// Which kinds of matrices a backend takes, whether it is a direct method, and whether its factorization of a positive
+/// definite matrix can be changed (update, hold, release).
 struct LinearCapabilities {
   bool spd = false;
   bool symmetric_indefinite = false;
   bool general = false;
   bool least_squares = false;
   bool direct = true;
+  bool update = false;
 
   bool supports(MatrixKind kind) const;
 };
@@ -46,6 +48,7 @@ struct LinearReport {
   double peak_memory = -1.0;     ///< bytes
   int analyses = 0;              ///< symbolic analyses so far: stays 1 while the pattern stays
   int factorizations = 0;
+  int updates = 0;     ///< changes of a factorization: update, hold, release
   int solves = 0;      ///< calls of solve, not columns
   int iterations = 0;  ///< of the last solve, largest over the columns; 0 for direct methods
   /// Of the last solve, iterative methods: |A x - b| / |b| before every iteration and at the end, as the method itself
@@ -53,6 +56,7 @@ struct LinearReport {
   std::vector<double> residual_history;
   double analyze_seconds = 0.0;  ///< of the last phase of each sort
   double factorize_seconds = 0.0;
+  double update_seconds = 0.0;
   double solve_seconds = 0.0;
   /// Of the last solve: |A X - B| / |B| (Frobenius), or |A'(A X - B)| / (|A| |B|) for least squares (not relative to
   /// |A' B|, which is rounding noise for a B without a component in the range of A); 0 if B = 0.
@@ -92,6 +96,18 @@ class LinearBackend {
   /// residual_limit, or B holds a value that is not finite; UsageError when the rows of B do not fit.
   Eigen::MatrixXd solve(const Eigen::MatrixXd& B);
 
+  /// Changes the factorization into the one of A + C C' (sign 1) or A - C C' (sign -1): C is rows x few columns,
+  /// compressed. Costs about as much as the columns of the factor that C reaches, far less than a factorization.
+  /// Throws UsageError without the capability, when C does not fit or unknowns are held; SolverError without a
+  /// factorization, or when the result is not positive definite (factorize again then).
+  void update(const SparseMatrix& C, int sign);
+  /// Holds unknowns: their rows and columns become those of the identity, so that solve() returns what the right-hand
+  /// side has there, and the couplings to them are the caller's. release() brings the rows and columns back. No new
+  /// factorization; factorize() forgets all. Throws as update(), and UsageError for indices out of range, unknowns that
+  /// are held already, or are not.
+  void hold(const std::vector<Index>& unknowns);
+  void release(const std::vector<Index>& unknowns);
+
   const LinearReport& report() const { return report_; }
 
   /// Largest relative residual that a solve may return.
@@ -103,6 +119,13 @@ class LinearBackend {
   virtual void do_analyze() = 0;    ///< of matrix(), values arbitrary; may set ordering, nnz_factor, flops
   virtual void do_factorize() = 0;  ///< of matrix()
   virtual Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) = 0;  ///< may set iterations, residual_history, reason
+
+  using SparseRow = std::vector<std::pair<Index, double>>;  ///< column and value
+
+  // For backends with the capability `update`.
+  virtual void do_update(const SparseMatrix& C, int sign);
+  virtual void do_hold(Index unknown);                           ///< makes its row and column those of the identity
+  virtual void do_release(Index unknown, const SparseRow& row);  ///< puts this row and column in their place
 
   /// Throws SolverError with the name of the backend in front.
   [[noreturn]] void fail(const std::string& what) const;
@@ -116,6 +139,8 @@ class LinearBackend {
   /// a rule) becomes a SolverError.
   template <class Phase>
   double run(const Phase& phase);
+  void check_update(const std::string& what) const;
+  void change_held(const std::vector<Index>& unknowns, bool hold);
   double relative_residual(const Eigen::MatrixXd& X, const Eigen::MatrixXd& B) const;
 
   SparseMatrix matrix_;
@@ -123,6 +148,8 @@ class LinearBackend {
   std::uint64_t pattern_ = 0;
   bool analyzed_ = false;
   bool factorized_ = false;
+  std::vector<bool> held_;  // empty: none
+  Vector free_values_;      // of the matrix while unknowns are held
   LinearReport report_;
 };
 

@@ -85,7 +85,7 @@ LinearBackendEntry describe_auto() {
   entry.capabilities = kCapabilities;
   entry.licence = kWithSuiteSparse ? "GPL-2.0-or-later" : "MPL-2.0";
   entry.parameters = {{.name = "threshold",
-                       .value = 200.0,
+                       .value = 90.0,
                        .doc = "flops per non-zero of the factor from which on positive definite systems go to "
                               "cholmod.supernodal instead of eigen.ldlt",
                        .min = 0.0}};

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <string>
+#include <vector>
 
 #include "framework/base/parallel.h"
 #include "solvers/linear/hermitian_matrix.h"
@@ -16,7 +17,7 @@ namespace variform {
 
 namespace {
 
-constexpr LinearCapabilities kCapabilities{.spd = true};
+constexpr LinearCapabilities kCapabilities{.spd = true, .update = true};
 
 #ifdef VARIFORM_WITH_SUITESPARSE
 
@@ -88,7 +89,9 @@ class CholmodBackend final : public LinearBackend {
     cholmod_sparse A = view();
     factor_ = cholmod_analyze(&A, common_.get());
     check("analysis");
-    if (factor_->is_super) symbolic_ = cholmod_copy_factor(factor_, common_.get());
+    symbolic_ = cholmod_copy_factor(factor_, common_.get());
+    check("analysis");
+    modified_ = false;
     // An entry of a complex factor is two numbers; a multiplication of complex numbers is four.
     mutable_report().ordering = ordering_name(factor_->ordering) + (complex_ ? ", complex" : "");
     mutable_report().nnz_factor = static_cast<std::int64_t>((complex_ ? 2.0 : 1.0) * common_->lnz);
@@ -100,10 +103,11 @@ class CholmodBackend final : public LinearBackend {
       complex_ = false;
       analyze_pattern();
     }
-    if (symbolic_ != nullptr && !factor_->is_super) {
+    if (modified_ || (symbolic_->is_super && !factor_->is_super)) {
       cholmod_free_factor(&factor_, common_.get());
       factor_ = cholmod_copy_factor(symbolic_, common_.get());
       check("restoring of the analysis");
+      modified_ = false;
     }
     solves_ = 0;
     cholmod_sparse A = view();
@@ -127,6 +131,60 @@ class CholmodBackend final : public LinearBackend {
                          matrix().rows()));
       }
     }
+  }
+
+  // Rows of the factor are those of the matrix in the fill-reducing order; CHOLMOD makes it LDL' itself. A factor of
+  // the Hermitian matrix is of no use here.
+  void prepare_update() {
+    if (complex_) {
+      complex_ = false;
+      analyze_pattern();
+      do_factorize();
+    }
+    if (!modified_) {
+      place_.resize(factor_->n);
+      for (std::size_t k = 0; k < factor_->n; ++k) {
+        place_[static_cast<std::size_t>(static_cast<const int*>(factor_->Perm)[k])] = static_cast<int>(k);
+      }
+    }
+    modified_ = true;
+  }
+
+  void do_update(const SparseMatrix& C, int sign) override {
+    prepare_update();
+    SparseMatrix permuted(C.rows(), C.cols());
+    std::vector<Eigen::Triplet<double, Index>> triplets;
+    for (Index j = 0; j < C.cols(); ++j) {
+      for (SparseMatrix::InnerIterator entry(C, j); entry; ++entry) {
+        triplets.emplace_back(place_[static_cast<std::size_t>(entry.row())], j, entry.value());
+      }
+    }
+    permuted.setFromTriplets(triplets.begin(), triplets.end());
+    cholmod_sparse columns = cholmod_view<int>(permuted, permuted.outerIndexPtr(), permuted.innerIndexPtr(), 0);
+    cholmod_updown(sign > 0 ? 1 : 0, &columns, factor_, common_.get());
+    check("update");
+    if (factor_->minor < factor_->n) fail("the updated matrix is not positive definite");
+    check_pivots();
+  }
+
+  void do_hold(Index unknown) override {
+    prepare_update();
+    cholmod_rowdel(static_cast<std::size_t>(place_[static_cast<std::size_t>(unknown)]), nullptr, factor_,
+                   common_.get());
+    check("update");
+  }
+
+  void do_release(Index unknown, const SparseRow& row) override {
+    prepare_update();
+    const auto k = static_cast<std::size_t>(place_[static_cast<std::size_t>(unknown)]);
+    SparseMatrix column(matrix().rows(), 1);
+    std::vector<Eigen::Triplet<double, Index>> triplets;
+    for (const auto& [i, value] : row) triplets.emplace_back(place_[static_cast<std::size_t>(i)], 0, value);
+    column.setFromTriplets(triplets.begin(), triplets.end());
+    cholmod_sparse view = cholmod_view<int>(column, column.outerIndexPtr(), column.innerIndexPtr(), 0);
+    cholmod_rowadd(k, &view, factor_, common_.get());
+    check("update");
+    check_pivots();
   }
 
   int unknown(std::size_t k) const { return (complex_ ? 2 : 1) * static_cast<const int*>(factor_->Perm)[k]; }
@@ -197,7 +255,9 @@ class CholmodBackend final : public LinearBackend {
   HermitianMatrix hermitian_;
   bool complex_ = false;  // hermitian_ is factorized in place of the matrix
   cholmod_factor* factor_ = nullptr;
-  cholmod_factor* symbolic_ = nullptr;  // supernodal analysis, which a conversion of the factor loses
+  cholmod_factor* symbolic_ = nullptr;  // the analysis, which conversions and updates of the factor lose
+  bool modified_ = false;               // by updates
+  std::vector<int> place_;              // unknown -> row of the factor, once modified
   int solves_ = 0;                      // with a few columns, since the last factorization
   std::array<SolveSpace, 2> spaces_;
 };

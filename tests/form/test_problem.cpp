@@ -4,9 +4,11 @@
 
 #include <cmath>
 #include <functional>
+#include <map>
 
 #include "energies/energies.h"
 #include "energies/gradient/poisson.h"
+#include "framework/base/error.h"
 #include "framework/domain/generators.h"
 #include "framework/form/problem_objective.h"
 #include "framework/operators/operators.h"
@@ -430,6 +432,62 @@ TEST(Problem, ScaledResidualHasTheSameMinimizer) {
 }
 
 // W is a matter of the domain, beta and the facet weight alone.
+TEST(Problem, HandlesComeMoveAndGoWithoutANewFactorization) {
+  const auto backend_name = "cholmod.simplicial";
+  if (!linear_backends().find(backend_name).available) return;
+  const Domain domain(rectangle_mesh({.width = 2.0, .height = 1.0, .h = 0.125, .jitter = 0.2}));
+  for (const char* name : {"asap", "arap"}) {  // coordinates coupled, and columns
+    const auto energy = make(name);
+    Constraints constraints(domain.vertex_count(), 2);
+    for (Index v = 0; v < domain.vertex_count(); ++v) {
+      if (domain.positions()(v, 0) == 0.0) constraints.fix(v, domain.positions().row(v));
+    }
+    const auto backend = make_linear_backend(backend_name);
+    Problem problem(domain, *energy, {.beta = 0.3}, constraints);
+    problem.refresh_target(domain.positions());
+    problem.solve(*backend);
+    std::map<Index, Eigen::RowVectorXd> handles;
+    const auto expect_as_afresh = [&] {
+      Constraints all = constraints;
+      for (const auto& [vertex, value] : handles) all.fix(vertex, value);
+      Problem fresh(domain, *energy, {.beta = 0.3}, all);
+      fresh.refresh_target(domain.positions());
+      const Matrix expected = fresh.solve(*make_linear_backend(backend_name));
+      EXPECT_LT((problem.solve(*backend) - expected).norm(), 1e-10 * expected.norm()) << name;
+    };
+    const auto hold = [&](Index vertex, double x, double y) {
+      handles[vertex] = Eigen::RowVector2d(x, y);
+      problem.hold(vertex, handles[vertex]);
+    };
+    hold(60, 1.2, 0.9);
+    expect_as_afresh();
+    hold(100, 2.5, 0.3);
+    hold(60, 1.0, 0.7);
+    expect_as_afresh();
+    problem.release(60);
+    handles.erase(60);
+    expect_as_afresh();
+    problem.release(100);
+    handles.erase(100);
+    expect_as_afresh();
+    EXPECT_EQ(backend->report().factorizations, 1) << name;
+    hold(40, 0.5, 0.5);
+    problem.set_beta(0.5);  // factorizes, and holds again
+    problem.refresh_target(domain.positions());
+    Constraints all = constraints;
+    all.fix(40, handles.at(40));
+    Problem fresh(domain, *energy, {.beta = 0.5}, all);
+    fresh.refresh_target(domain.positions());
+    EXPECT_LT((problem.solve(*backend) - fresh.solve(*backend)).norm(), 1e-9) << name;
+
+    EXPECT_THROW(problem.release(41), UsageError);
+    EXPECT_THROW(problem.hold(0, Eigen::RowVector2d(0.0, 0.0)), UsageError);  // fixed
+    EXPECT_THROW(problem.hold(41, Eigen::RowVector3d(0.0, 0.0, 0.0)), UsageError);
+    EXPECT_THROW(problem.hold(domain.vertex_count(), Eigen::RowVector2d(0.0, 0.0)), UsageError);
+    EXPECT_THROW(problem.solve(*make_linear_backend("eigen.ldlt")), UsageError);  // cannot update
+  }
+}
+
 TEST(Problem, EnergiesShareTheNorm) {
   const Domain domain(rectangle_mesh({.h = 0.2, .jitter = 0.3}));
   const Constraints constraints = some_fixed(domain, 2);

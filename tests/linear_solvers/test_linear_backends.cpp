@@ -603,6 +603,124 @@ TEST(EigenCg, SaysWhenItDoesNotConverge) {
   EXPECT_EQ(backend->report().iterations, 5);
 }
 
+class UpdatingBackend : public ::testing::TestWithParam<std::string> {
+ protected:
+  std::unique_ptr<LinearBackend> backend_ = make(GetParam());
+};
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(UpdatingBackend);
+INSTANTIATE_TEST_SUITE_P(All, UpdatingBackend, ::testing::ValuesIn(available(&LinearCapabilities::update)), test_name);
+
+TEST_P(UpdatingBackend, UpdateAndDowndateEqualANewFactorization) {
+  const SparseMatrix A = lower(random_spd(150, 51));
+  const SparseMatrix C = random_sparse(150, 3, 1, 52) * 2.0;
+  const Eigen::MatrixXd B = random_dense(150, 2, 53);
+  const Eigen::MatrixXd dense = dense_symmetric(A);
+  const Eigen::MatrixXd CC = Eigen::MatrixXd(C) * Eigen::MatrixXd(C).transpose();
+  backend_->factorize(A, MatrixKind::spd);
+  backend_->update(C, 1);
+  EXPECT_LT(difference(backend_->solve(B), (dense + CC).llt().solve(B)), 1e-10);
+  EXPECT_LT(backend_->report().residual, 1e-12);
+  backend_->update(C, -1);
+  EXPECT_LT(difference(backend_->solve(B), dense.llt().solve(B)), 1e-9);
+  EXPECT_EQ(backend_->report().factorizations, 1);
+  EXPECT_EQ(backend_->report().updates, 2);
+  backend_->factorize(2.0 * A, MatrixKind::spd);
+  EXPECT_LT(difference(backend_->solve(B), (2.0 * dense).llt().solve(B)), 1e-10);
+}
+
+TEST_P(UpdatingBackend, DowndateToIndefiniteIsRefused) {
+  backend_->factorize(identity(5), MatrixKind::spd);
+  const SparseMatrix C = from_triplets(5, 1, {{2, 0, 2.0}});
+  EXPECT_THAT(message_of([&] { backend_->update(C, -1); }, ExitCode::solver), HasSubstr("not positive definite"));
+  EXPECT_THROW(backend_->solve(Vector::Ones(5)), SolverError);
+  backend_->factorize(identity(5), MatrixKind::spd);
+  EXPECT_LT(difference(backend_->solve(Vector::Ones(5)), Vector::Ones(5)), 1e-15);
+}
+
+TEST_P(UpdatingBackend, HeldUnknownsEqualAMatrixWithoutThem) {
+  const Index n = 200;
+  const SparseMatrix A = lower(random_spd(n, 54));
+  const Eigen::MatrixXd full = dense_symmetric(A);
+  const Eigen::MatrixXd B = random_dense(n, 3, 55);
+  std::set<Index> held;
+  const auto expected = [&] {
+    Eigen::MatrixXd K = full;
+    for (const Index i : held) {
+      K.row(i).setZero();
+      K.col(i).setZero();
+      K(i, i) = 1.0;
+    }
+    return Eigen::MatrixXd(K.llt().solve(B));
+  };
+  backend_->factorize(A, MatrixKind::spd);
+  backend_->solve(B);
+  const auto hold = [&](const std::vector<Index>& unknowns) {
+    backend_->hold(unknowns);
+    held.insert(unknowns.begin(), unknowns.end());
+  };
+  const auto release = [&](const std::vector<Index>& unknowns) {
+    backend_->release(unknowns);
+    for (const Index i : unknowns) held.erase(i);
+  };
+  hold({3, 77, 78, 79, 150});
+  EXPECT_LT(difference(backend_->solve(B), expected()), 1e-10);
+  EXPECT_EQ(backend_->solve(B).row(77), B.row(77));
+  release({78, 3});
+  EXPECT_LT(difference(backend_->solve(B), expected()), 1e-10);
+  hold({0, 199});
+  EXPECT_LT(difference(backend_->solve(B), expected()), 1e-10);
+  release({199, 150, 0, 77, 79});
+  EXPECT_TRUE(held.empty());
+  EXPECT_LT(difference(backend_->solve(B), expected()), 1e-10);
+  EXPECT_EQ(backend_->report().factorizations, 1);
+  hold({5});
+  backend_->factorize(A, MatrixKind::spd);  // forgets
+  held.clear();
+  EXPECT_LT(difference(backend_->solve(B), expected()), 1e-10);
+  EXPECT_EQ(backend_->report().analyses, 1);
+}
+
+TEST_P(UpdatingBackend, RefusesWrongUpdates) {
+  const SparseMatrix C = from_triplets(25, 1, {{2, 0, 2.0}});
+  EXPECT_THAT(message_of([&] { backend_->update(C, 1); }, ExitCode::solver), HasSubstr("before factorize"));
+  backend_->factorize(grid_laplacian(5, 2), MatrixKind::spd);
+  EXPECT_THROW(backend_->update(C, 2), UsageError);
+  EXPECT_THROW(backend_->update(from_triplets(24, 1, {}), 1), UsageError);
+  EXPECT_THAT(message_of([&] { backend_->hold({25}); }, ExitCode::usage), HasSubstr("25"));
+  EXPECT_THAT(message_of([&] { backend_->release({4}); }, ExitCode::usage), HasSubstr("is not held"));
+  backend_->hold({4});
+  EXPECT_THAT(message_of([&] { backend_->hold({4}); }, ExitCode::usage), HasSubstr("held already"));
+  EXPECT_THROW(backend_->update(C, 1), UsageError);
+  const auto without = make_linear_backend("eigen.ldlt");
+  without->factorize(grid_laplacian(5, 2), MatrixKind::spd);
+  EXPECT_THAT(message_of([&] { without->hold({4}); }, ExitCode::usage), HasSubstr("cholmod.simplicial"));
+}
+
+TEST_P(UpdatingBackend, UpdatesGoOnWithMatricesThatLookHermitian) {
+  // Real blocks (a -b; b a) of a Hermitian matrix of half the order.
+  const SparseMatrix L = grid_laplacian(12, 2);
+  Triplets triplets;
+  for (Index j = 0; j < L.cols(); ++j) {
+    for (SparseMatrix::InnerIterator entry(L, j); entry; ++entry) {
+      for (Index c = 0; c < 2; ++c) triplets.emplace_back(2 * entry.row() + c, 2 * j + c, entry.value());
+      if (entry.row() == j) continue;
+      triplets.emplace_back(2 * entry.row() + 1, 2 * j, 0.3);
+      triplets.emplace_back(2 * entry.row(), 2 * j + 1, -0.3);
+    }
+  }
+  const SparseMatrix A = from_triplets(288, 288, triplets) + identity(288);
+  Eigen::MatrixXd K = dense_symmetric(A);
+  const Eigen::MatrixXd B = random_dense(288, 2, 56);
+  backend_->factorize(A, MatrixKind::spd);
+  backend_->hold({100});
+  K.row(100).setZero();
+  K.col(100).setZero();
+  K(100, 100) = 1.0;
+  EXPECT_LT(difference(backend_->solve(B), K.llt().solve(B)), 1e-10);
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+
 TEST(AutoBackend, ChoosesByTheSizeOfTheFactor) {
   const auto backend = make_linear_backend("auto");
   backend->factorize(grid_laplacian(30, 2), MatrixKind::spd);
