@@ -203,7 +203,7 @@ void draw_profile(const Plan& plan, const std::vector<Problem>& problems, const 
     }
   }
   LinePlot plot{
-      fmt::format("Performance profile of {} problems: solved within a factor of the best time", problems.size()),
+      fmt::format("Performance profile of {} problems", problems.size()),
       "log2 of the factor",
       "share of the problems",
       false,
