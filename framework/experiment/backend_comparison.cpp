@@ -237,7 +237,7 @@ std::vector<Problem> problems_of(const Plan& plan, const std::vector<Point>& poi
     double start = 0.0;
     for (const std::size_t i : problem.rows) {
       const std::vector<double>& energy = points[i].result.trace.energy;
-      const double own = energy.empty() ? number(rows[i], "energy_W") : energy.back();
+      const double own = points[i].result.trace.objective;
       if (std::isfinite(own)) problem.lowest = std::min(problem.lowest, own);
       if (!energy.empty() && std::isfinite(energy.front())) start = std::max(start, energy.front());
     }
@@ -383,11 +383,10 @@ void compare_backends(const Plan& plan, const Config& config, const std::vector<
       row.set("solved", false);
       if (!succeeded(row)) continue;
       const SolveTrace& trace = points[i].result.trace;
-      const double objective = trace.energy.empty() ? number(row, "energy_W") : trace.energy.back();
-      row.set("objective", objective);
-      row.set("excess", excess(problem, objective));
+      row.set("objective", trace.objective);
+      row.set("excess", excess(problem, trace.objective));
       if (!trace.energy.empty()) row.set("rate", convergence_rate(problem, trace.energy));
-      row.set("solved", converged(row) && excess(problem, objective) <= plan.backends->accuracy);
+      row.set("solved", converged(row) && excess(problem, trace.objective) <= plan.backends->accuracy);
     }
     if (const auto reference = reference_row(plan, problem, points, record.rows)) {
       for (const std::size_t i : problem.rows) {

@@ -33,6 +33,7 @@ PointResult nonlinear(const std::vector<double>& energies, bool converged = true
   result.metrics.set("converged", converged);
   result.metrics.set("seconds_total", 1.0);
   result.trace.energy = energies;
+  if (!energies.empty()) result.trace.objective = energies.back();
   for (std::size_t i = 0; i < energies.size(); ++i) result.trace.seconds.push_back(0.1 * static_cast<double>(i));
   result.trace.solution = Matrix::Constant(3, 2, solution);
   return result;
@@ -41,7 +42,7 @@ PointResult nonlinear(const std::vector<double>& energies, bool converged = true
 /// A linear one.
 PointResult linear(double energy, double residual, double solution) {
   PointResult result = nonlinear({}, true, solution);
-  result.metrics.set("energy_W", energy);
+  result.trace.objective = energy;
   result.metrics.set("solver_residual", residual);
   return result;
 }
@@ -61,7 +62,6 @@ class Study {
     PipelineEntry entry{.name = "fake", .doc = "for tests", .sections = {"problem", "solver"}};
     entry.parameters = {{"solver", {{"tolerance", 1e-6, "", {}}, {"max_iterations", std::int64_t{500}, "", {}}}}};
     entry.metrics = {{{"converged"}, ""},
-                     {{"energy_W"}, ""},
                      {{"solver_residual"}, ""},
                      {{"run"}, "number of the run"},
                      {{"seconds_total", "", "s"}, ""},
@@ -193,6 +193,15 @@ TEST(BackendComparison, ExcessOverAMinimumOfZeroIsAShareOfTheEnergyOfTheStart) {
   // Of rounding errors alone, too.
   Study rounding({{"a", always(nonlinear({5, 1e-25}))}, {"b", always(nonlinear({5, 3e-25}))}});
   EXPECT_THAT(column(rounding.run(variants({"a", "b"})), "solved"), ElementsAre("true", "true"));
+}
+
+TEST(BackendComparison, BackendsWhoseHistoryIsOfSomethingElseAreComparedByTheSameObjective) {
+  PointResult other = nonlinear({9, 1});  // as an alternation over states and targets
+  other.trace.objective = 2.5;
+  Study study({{"a", always(nonlinear({9, 2}))}, {"b", always(other)}});
+  const Record record = study.run(variants({"a", "b"}));
+  EXPECT_THAT(column(record, "excess"), ElementsAre("0", "0.25"));
+  EXPECT_THAT(column(record, "solved"), ElementsAre("true", "false"));
 }
 
 TEST(BackendComparison, NegativeEnergiesAreComparedByTheirSize) {
