@@ -31,15 +31,14 @@ void print_warnings(const Record& record) {
 
 // The columns of the printed table: those that the config names, or a readable choice; swept keys first.
 std::vector<std::string> shown_columns(const Record& record, const Config& config) {
-  std::vector<std::string> columns = record.swept;
-  if (record.failure != ExitCode::done) columns.insert(columns.end(), {"status", "reason"});
-  if (const ConfigNode root = config.root(); root.has("backends")) {
+  std::vector<std::string> columns;
+  if (const ConfigNode root = config.root(); root.has("output") && root.at("output").has("columns")) {
+    const std::vector<std::string> chosen = root.at("output").at("columns").strings();
+    columns.insert(columns.end(), chosen.begin(), chosen.end());
+  } else if (root.has("backends")) {
     columns.insert(columns.end(),
                    {"status", "converged", "solved", "excess", "difference", "iterations", "seconds_total",
                     "seconds_min", "seconds_max", "seconds_per_iteration", "peak_memory"});
-  } else if (root.has("output") && root.at("output").has("columns")) {
-    const std::vector<std::string> chosen = root.at("output").at("columns").strings();
-    columns.insert(columns.end(), chosen.begin(), chosen.end());
   } else {
     const bool searched = std::any_of(record.rows.begin(), record.rows.end(),
                                       [](const Row& row) { return row.find("beta_found") != nullptr; });
@@ -47,6 +46,11 @@ std::vector<std::string> shown_columns(const Record& record, const Config& confi
     columns.insert(columns.end(), {"vertices", "cells", "energy", "energy_R", "energy_W", "flipped", "min_det",
                                    "local_energy_max", "iterations", "converged", "solver_residual"});
   }
+  if (record.failure != ExitCode::done) {
+    std::erase(columns, "status");
+    columns.insert(columns.begin(), {"status", "reason"});
+  }
+  columns.insert(columns.begin(), record.swept.begin(), record.swept.end());
   return columns;
 }
 

@@ -378,6 +378,7 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
   result.trace = std::move(outcome.trace);
   result.trace.solution = outcome.U;
   result.trace.length_scale = study.domain.diameter();
+  result.trace.objective = outcome.value.objective();
   result.trace.linear_residuals = study.solver.linear->report().residual_history;
 
   Row& row = result.metrics;

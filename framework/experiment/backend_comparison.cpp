@@ -112,7 +112,8 @@ std::optional<std::size_t> reference_row(const Plan& plan, const Problem& proble
       continue;
     }
     const bool nonlinear = !points[i].result.trace.energy.empty();
-    const double measure = !converged(rows[i]) ? 1e300 : number(rows[i], nonlinear ? "objective" : "solver_residual");
+    double measure = number(rows[i], nonlinear ? "objective" : "solver_residual");
+    if (!converged(rows[i]) || std::isnan(measure)) measure = kInfinite;
     if (!best || measure < best_measure) {
       best = i;
       best_measure = measure;
@@ -146,7 +147,7 @@ Table difference_table(const Problem& problem, const std::vector<Point>& points,
     }
     table.rows.push_back(row);
   }
-  if (!table.columns.empty()) table.columns.pop_back();  // the last one has no entries
+  table.columns.pop_back();  // the last one has no entries
   return table;
 }
 
@@ -209,24 +210,34 @@ void draw_profile(const Plan& plan, const std::vector<Problem>& problems, const 
       false,
       false,
       {}};
-  plot.curves = performance_profile(solvers);
-  add_plot(plot, "profile", folder, record);
+  try {
+    plot.curves = performance_profile(solvers);
+    add_plot(plot, "profile", folder, record);
+  } catch (const UsageError& error) {  // a pipeline without times, which is no reason to lose the results
+    record.warnings.emplace_back(error.what());
+  }
 }
 
 std::vector<Problem> problems_of(const Plan& plan, const std::vector<Point>& points, const std::vector<Row>& rows) {
+  std::vector<std::string> keys = plan.sweep.keys();
+  keys.emplace_back("seed");
+  const auto variant = [&](std::size_t i) { return to_text(*rows[i].find(kBackendKey)); };
   std::vector<Problem> problems;
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    std::vector<std::string> keys = plan.sweep.keys();
     const std::string name = group_text(rows[i], keys);
-    auto problem = std::find_if(problems.begin(), problems.end(), [&](const Problem& p) { return p.name == name; });
-    if (problem == problems.end()) problem = problems.insert(problems.end(), Problem{.rows = {}, .name = name});
-    problem->rows.push_back(i);
+    // Rows of a problem are next to each other; a sampled sweep may have equal problems.
+    const auto repeats = [&](std::size_t other) { return variant(other) == variant(i); };
+    if (problems.empty() || problems.back().name != name ||
+        std::any_of(problems.back().rows.begin(), problems.back().rows.end(), repeats)) {
+      problems.push_back({.rows = {}, .name = name});
+    }
+    problems.back().rows.push_back(i);
   }
   for (Problem& problem : problems) {
     double start = 0.0;
     for (const std::size_t i : problem.rows) {
       const std::vector<double>& energy = points[i].result.trace.energy;
-      const double own = energy.empty() ? number(rows[i], "energy_W") : energy.back();
+      const double own = points[i].result.trace.objective;
       if (std::isfinite(own)) problem.lowest = std::min(problem.lowest, own);
       if (!energy.empty() && std::isfinite(energy.front())) start = std::max(start, energy.front());
     }
@@ -292,7 +303,11 @@ BackendComparison read_backends(const ConfigNode& node) {
 
 void apply(const BackendVariant& variant, Config& config) {
   for (const auto& [key, value] : variant.settings) {
-    if (key == "linear" || key == "nonlinear") config.erase("solver." + key + "_options");
+    if (key != "linear" && key != "nonlinear") continue;
+    const ConfigNode root = config.root();
+    const bool same =
+        root.has("solver") && root.at("solver").has(key) && root.at("solver").at(key).value().text() == value.text();
+    if (!same) config.erase("solver." + key + "_options");
   }
   for (const auto& [key, value] : variant.settings) config.set("solver." + key, value);
 }
@@ -368,11 +383,10 @@ void compare_backends(const Plan& plan, const Config& config, const std::vector<
       row.set("solved", false);
       if (!succeeded(row)) continue;
       const SolveTrace& trace = points[i].result.trace;
-      const double objective = trace.energy.empty() ? number(row, "energy_W") : trace.energy.back();
-      row.set("objective", objective);
-      row.set("excess", excess(problem, objective));
+      row.set("objective", trace.objective);
+      row.set("excess", excess(problem, trace.objective));
       if (!trace.energy.empty()) row.set("rate", convergence_rate(problem, trace.energy));
-      row.set("solved", converged(row) && excess(problem, objective) <= plan.backends->accuracy);
+      row.set("solved", converged(row) && excess(problem, trace.objective) <= plan.backends->accuracy);
     }
     if (const auto reference = reference_row(plan, problem, points, record.rows)) {
       for (const std::size_t i : problem.rows) {
@@ -381,7 +395,9 @@ void compare_backends(const Plan& plan, const Config& config, const std::vector<
       }
     }
     constexpr std::size_t kMostColumns = 12;
-    if (problem.rows.size() > 1 && problem.rows.size() <= kMostColumns) {
+    const auto solutions = std::count_if(problem.rows.begin(), problem.rows.end(),
+                                         [&](std::size_t i) { return succeeded(record.rows[i]); });
+    if (solutions > 1 && problem.rows.size() <= kMostColumns) {
       record.tables.push_back(difference_table(problem, points, record.rows));
     }
     if (figures) draw_convergence(problem, p, points, record.rows, folder, record);

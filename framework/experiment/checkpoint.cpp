@@ -192,11 +192,10 @@ void save_point(const std::filesystem::path& file, const std::string& config_tex
   json["probes"] = dense(result.probes);
   json["probe_scale"] = result.probe_scale;
   if (result.trace.solution.size() > 0) {
-    json["trace"] = {{"solution", dense(result.trace.solution)},
-                     {"length_scale", result.trace.length_scale},
-                     {"energy", numbers(result.trace.energy)},
-                     {"seconds", numbers(result.trace.seconds)},
-                     {"linear_residuals", numbers(result.trace.linear_residuals)}};
+    json["trace"] = {
+        {"solution", dense(result.trace.solution)},    {"length_scale", result.trace.length_scale},
+        {"objective", number(result.trace.objective)}, {"energy", numbers(result.trace.energy)},
+        {"seconds", numbers(result.trace.seconds)},    {"linear_residuals", numbers(result.trace.linear_residuals)}};
   }
   json["warnings"] = result.warnings;
   write_file(file, to_text(json, -1));
@@ -221,6 +220,7 @@ std::optional<PointResult> load_point(const std::filesystem::path& file, const s
       const Json& trace = json.at("trace");
       result.trace = {.solution = dense<Matrix>(trace.at("solution")),
                       .length_scale = trace.at("length_scale").get<double>(),
+                      .objective = number(trace.at("objective")),
                       .energy = numbers(trace.at("energy")),
                       .seconds = numbers(trace.at("seconds")),
                       .linear_residuals = numbers(trace.at("linear_residuals"))};

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <string>
 #include <utility>
@@ -21,6 +22,8 @@ namespace variform {
 struct SolveTrace {
   Matrix solution = {};       ///< |V| x d
   double length_scale = 1.0;  ///< that differences of solutions are divided by
+  /// What is minimized, at the solution: one functional for all backends, whatever their histories measure.
+  double objective = std::numeric_limits<double>::quiet_NaN();
   /// Of nonlinear backends, a value for each row of the history, the start included: objective and seconds since the
   /// start of the run.
   std::vector<double> energy = {};

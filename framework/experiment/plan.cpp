@@ -38,6 +38,20 @@ void check_key(const ConfigNode& place, const std::string& key, const ConfigValu
   });
 }
 
+// Variants would replace what the sweep sets: rows would name a value that they do not have.
+void check_sweep(const Plan& plan, const Config& config) {
+  for (const auto& [key, value] : plan.sweep.values(0)) {
+    const std::string section = key.substr(0, key.find_first_of(".[", std::string("solver.").size()));
+    for (const BackendVariant& variant : plan.backends->variants) {
+      for (const auto& [setting, ignored] : variant.settings) {
+        if (section != "solver." + setting && section != "solver." + setting + "_options") continue;
+        ConfigNode(value, config.file(), "sweep." + key)
+            .fail(fmt::format("'{}' is what the variants of [backends] differ in", key));
+      }
+    }
+  }
+}
+
 Camera read_camera(const ConfigNode& node) {
   node.accept_keys(config_section("[output.camera]").names());
   Camera camera;
@@ -163,6 +177,7 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
     }
     plan.backends = read_backends(node);
     if (root.has("bisect")) root.at("bisect").fail("a comparison of backends does not bisect");
+    check_sweep(plan, config);
   }
   if (root.has("bisect")) {
     const ConfigNode node = root.at("bisect");

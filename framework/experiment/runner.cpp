@@ -158,8 +158,8 @@ void add_row(const Plan& plan, Point& point, Record& record) {
   if (point.outcome != ProcessOutcome::ok) {
     row.set("reason", point.reason);
     warn(fmt::format("{}: {}", to_string(point.outcome), point.reason));
-    // A backend that fails is a result of a comparison.
-    if (!plan.backends) record.failure = std::max(record.failure, point.exit_code);
+    // A backend that fails is a result of a comparison; files that are not there are none.
+    if (!plan.backends || point.exit_code == ExitCode::data) record.failure = std::max(record.failure, point.exit_code);
   }
   for (const auto& [metric, value] : point.result.metrics.entries()) row.set(metric, value);
   for (const MeshFigure& figure : point.result.figures) {
@@ -290,7 +290,10 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   std::vector<std::string> columns = plan.columns;
   if (columns.empty() && plan.backends) columns = comparison_columns();
   if (!columns.empty()) {
-    if (record.failure != ExitCode::done) columns.insert(columns.begin(), {"status", "reason"});
+    if (record.failure != ExitCode::done) {
+      std::erase(columns, "status");
+      columns.insert(columns.begin(), {"status", "reason"});
+    }
     columns.insert(columns.begin(), record.swept.begin(), record.swept.end());
   }
   write_record(record, options.folder, columns);

@@ -151,6 +151,12 @@ class CholmodBackend final : public LinearBackend {
   }
 
   void do_update(const SparseMatrix& C, int sign) override {
+    if (complex_) {  // the matrix is the updated one already
+      complex_ = false;
+      analyze_pattern();
+      do_factorize();
+      return;
+    }
     prepare_update();
     SparseMatrix permuted(C.rows(), C.cols());
     std::vector<Eigen::Triplet<double, Index>> triplets;

@@ -885,6 +885,165 @@ TEST_F(Cli, SweepsOfOtherKindsComeFromTheCommandLine) {
   EXPECT_THAT(sweep({"--zip", "norm.beta=[0]"}).err, HasSubstr("--zip: the config sweeps by kind = \"grid\""));
 }
 
+/// compare {}/study.toml --out {}/out, each variant once, without pictures.
+std::vector<std::string> comparison(const std::vector<std::string>& more) {
+  std::vector<std::string> arguments = {"compare", "{}/study.toml", "--out", "{}/out",    "--no-figures",
+                                        "--quiet", "--repeats",     "1",     "--warm-up", "0"};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return arguments;
+}
+
+TEST_F(Cli, CompareSolvesTheProblemOfAConfigByLinearBackends) {
+  // What the config states of its own experiment is not about backends.
+  write("study.toml", kStudy + "[output]\ncolumns = [\"energy\"]\n" + kFalseClaim);
+  const Result result = call({"compare", "{}/study.toml", "--out", "{}/out", "--no-figures", "--linear",
+                              "eigen.ldlt,eigen.cg", "--repeats", "3", "--reference", "eigen.ldlt"});
+  EXPECT_EQ(result.code, 0) << result.err;
+  const nlohmann::json rows = record()["rows"];
+  ASSERT_EQ(rows.size(), 2U);
+  EXPECT_EQ(rows[0]["backend"], "eigen.ldlt");
+  EXPECT_EQ(rows[1]["backend"], "eigen.cg");
+  EXPECT_EQ(rows[0]["difference"], 0.0);
+  for (const nlohmann::json& row : rows) {
+    EXPECT_EQ(row["solver"], row["backend"]);
+    EXPECT_EQ(row["solved"], true);
+    EXPECT_LT(row["excess"], 1e-9);
+    EXPECT_LT(row["difference"], 1e-6);
+    EXPECT_EQ(row["objective"], row["energy_W"]);
+    EXPECT_LE(row["seconds_min"], row["seconds_total"]);
+    EXPECT_LE(row["seconds_total"], row["seconds_max"]);
+    EXPECT_GT(row["peak_memory"], 1.0);
+  }
+  EXPECT_THAT(record()["claims"], testing::IsEmpty());
+  EXPECT_THAT(result.out, AllOf(HasSubstr("| solved |"), HasSubstr("| eigen.cg ")));
+  EXPECT_THAT(content_of(at("out/report.html")), HasSubstr("Largest difference of solutions"));
+}
+
+TEST_F(Cli, ComparePairsNonlinearWithLinearBackends) {
+  write("study.toml", kStudy);
+  const Result result = call(comparison({"--nonlinear", "gauss_newton,newton", "--linear", "eigen.ldlt,eigen.llt",
+                                         "--set", "energy.type=arap", "--accuracy", "1e-4"}));
+  EXPECT_EQ(result.code, 0) << result.err;
+  const nlohmann::json rows = record()["rows"];
+  ASSERT_EQ(rows.size(), 4U);
+  EXPECT_EQ(rows[1]["backend"], "gauss_newton, eigen.llt");
+  EXPECT_EQ(rows[2]["backend"], "newton, eigen.ldlt");
+  for (const nlohmann::json& row : rows) {
+    EXPECT_EQ(row["backend"],
+              fmt::format("{}, {}", row["nonlinear"].get<std::string>(), row["solver"].get<std::string>()));
+    EXPECT_EQ(row["solved"], true);
+    EXPECT_TRUE(row["rate"].is_number() && row["seconds_per_iteration"].is_number());
+  }
+}
+
+TEST_F(Cli, CompareAllTakesTheBackendsOfThisBuild) {
+  write("study.toml", kStudy);
+  EXPECT_EQ(call(comparison({"--linear", "all"})).code, 0);
+  const nlohmann::json rows = record()["rows"];
+  std::size_t count = 0;
+  for (const LinearBackendEntry& entry : linear_backends().entries()) {
+    if (!entry.available) continue;
+    ASSERT_LT(count, rows.size());
+    EXPECT_EQ(rows[count]["backend"], entry.name);
+    if (entry.capabilities.spd) {
+      EXPECT_EQ(rows[count]["solved"], true) << entry.name;
+    }
+    ++count;
+  }
+  EXPECT_EQ(rows.size(), count);
+
+  EXPECT_EQ(call(comparison({"--nonlinear", "all", "--set", "energy.type=arap"})).code, 0);
+  std::map<std::string, nlohmann::json> row_of;
+  for (const nlohmann::json& row : record()["rows"]) row_of[row["backend"]] = row;
+  for (const NonlinearBackendEntry& entry : nonlinear_backends().entries()) {
+    EXPECT_EQ(row_of.count(entry.name), entry.available ? 1U : 0U) << entry.name;
+  }
+  // The history of `coupled` is that of another functional, which is lower: it must not count as a solution.
+  for (const std::string name : {"newton", "gauss_newton"}) EXPECT_EQ(row_of[name]["solved"], true) << name;
+  EXPECT_EQ(row_of["coupled"]["objective"], row_of["coupled"]["energy_W"]);
+}
+
+TEST_F(Cli, CompareNeedsBackendsThatThereAre) {
+  write("study.toml", kStudy);
+  const auto message = [&](const std::vector<std::string>& arguments) {
+    const Result result = call(comparison(arguments));
+    EXPECT_EQ(result.code, 2);
+    EXPECT_FALSE(fs::exists(at("out/record.json")));
+    return result.err;
+  };
+  EXPECT_THAT(message({}), ContainsRegex("study.toml: nothing to compare: the config has no .backends.; give "
+                                         "--linear or --nonlinear"));
+  EXPECT_THAT(message({"--linear", "eigen.ldlt,eigen.nope"}),
+              ContainsRegex("study.toml: key 'solver.linear': .*eigen.nope.*expected one of .*eigen.ldlt"));
+  EXPECT_THAT(message({"--nonlinear", "nope", "--set", "energy.type=arap"}),
+              ContainsRegex("study.toml: key 'solver.nonlinear': .*nope.*expected one of .*newton"));
+  EXPECT_THAT(message({"--linear", "eigen.ldlt,eigen.ldlt"}), HasSubstr("'eigen.ldlt' is there already"));
+  EXPECT_THAT(message({"--linear", "eigen.ldlt", "--reference", "eigen.llt"}), HasSubstr("key 'backends.reference'"));
+  EXPECT_THAT(message({"--linear", "eigen.ldlt", "--accuracy", "0"}), HasSubstr("key 'backends.accuracy'"));
+  EXPECT_THAT(message({"--linear", "eigen.ldlt", "--set", "sweep.\"solver.linear\"=[\"eigen.llt\"]"}),
+              HasSubstr("'solver.linear' is what the variants of [backends] differ in"));
+}
+
+TEST_F(Cli, CompareKeepsTheBackendsOfAConfigAndItsOptions) {
+  const std::string backends =
+      "[solver]\nlinear = \"eigen.cg\"\nlinear_options = { max_iterations = 1 }\n"
+      "[backends]\nrepeats = 3\n[[backends.variant]]\nlinear = \"eigen.cg\"\n"
+      "[[backends.variant]]\nname = \"longer\"\nlinear_options = { max_iterations = 1000 }\n"
+      "[[backends.variant]]\nlinear = \"eigen.llt\"\n[output]\ncolumns = [\"energy\", \"solved\"]\n";
+  write("study.toml", kStudy + backends + kClaim);
+  const Result result = call({"compare", "{}/study.toml", "--out", "{}/out", "--no-figures"});
+  EXPECT_EQ(result.code, 0) << result.err;
+  EXPECT_THAT(result.err, HasSubstr("warning: eigen.cg: failed: linear backend 'eigen.cg': no convergence"));
+  const nlohmann::json rows = record()["rows"];
+  ASSERT_EQ(rows.size(), 3U);
+  EXPECT_EQ(rows[0]["status"], "failed");
+  EXPECT_EQ(rows[0]["solved"], false);
+  EXPECT_EQ(rows[1]["backend"], "longer");
+  EXPECT_EQ(rows[1]["solved"], true);
+  EXPECT_EQ(rows[2]["solved"], true);
+  EXPECT_THAT(result.out, AllOf(HasSubstr("| solved |"), Not(HasSubstr("memory"))));
+  // The same by `run`, and with other backends from the command line.
+  EXPECT_EQ(run_study({"--quiet"}).code, 0);
+  EXPECT_EQ(record()["rows"].size(), 3U);
+  EXPECT_EQ(call(comparison({"--linear", "eigen.ldlt,eigen.lu"})).code, 0);
+  EXPECT_EQ(record()["rows"].size(), 2U);
+}
+
+TEST_F(Cli, ABackendBeyondItsTimeLimitIsARowOfTheComparison) {
+  write("study.toml", kStudy);
+  // The alternation has no gradient criterion: it goes on for ever.
+  const Result result =
+      call(comparison({"--nonlinear", "local_global,newton", "--time-limit", "2", "--set", "energy.type=arap", "--set",
+                       "solver.tolerance=1e-300", "--set", "solver.max_iterations=1000000000"}));
+  EXPECT_EQ(result.code, 0) << result.err;
+  const nlohmann::json rows = record()["rows"];
+  EXPECT_EQ(rows[0]["status"], "timed_out");
+  EXPECT_EQ(rows[0]["reason"], "more than 2 s");
+  EXPECT_EQ(rows[0]["solved"], false);
+  EXPECT_EQ(rows[1]["solved"], true);
+}
+
+TEST_F(Cli, AMissingMeshIsNoResultOfAComparison) {
+  write("study.toml", kStudy);
+  const Result result = call(comparison({"--linear", "eigen.ldlt", "--set", "domain={ mesh = \"absent.obj\" }"}));
+  EXPECT_EQ(result.code, 3);
+  EXPECT_THAT(result.err, HasSubstr("absent.obj"));
+}
+
+TEST_F(Cli, CompareResumes) {
+  write("study.toml", kStudy);
+  ASSERT_EQ(call(comparison({"--linear", "eigen.ldlt,eigen.cg"})).code, 0);
+  const nlohmann::json rows = record()["rows"];
+  fs::remove(at("out/points/point-0001.json"));
+  ASSERT_EQ(call(comparison({"--linear", "eigen.ldlt,eigen.cg,eigen.llt", "--resume"})).code, 0);
+  const nlohmann::json resumed = record()["rows"];
+  ASSERT_EQ(resumed.size(), 3U);
+  EXPECT_EQ(resumed[0]["seconds_total"], rows[0]["seconds_total"]) << "taken, not run";
+  EXPECT_EQ(untimed(resumed)[0]["energy"], untimed(rows)[0]["energy"]);
+  EXPECT_EQ(resumed[1]["backend"], "eigen.cg");
+  EXPECT_EQ(resumed[2]["status"], "ok");
+}
+
 TEST_F(Cli, TheTableDoesNotDependOnTheNumberOfJobs) {
   write("study.toml",
         kStudy + "[sweep]\n\"norm.beta\" = [0, 0.1, 0.2, 0.3, 0.4]\n\"energy.type\" = [\"asap\", \"arap\"]\n");

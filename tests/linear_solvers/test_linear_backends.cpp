@@ -717,6 +717,16 @@ TEST_P(UpdatingBackend, UpdatesGoOnWithMatricesThatLookHermitian) {
   K.col(100).setZero();
   K(100, 100) = 1.0;
   EXPECT_LT(difference(backend_->solve(B), K.llt().solve(B)), 1e-10);
+
+  const Eigen::MatrixXd full = dense_symmetric(A);
+  const SparseMatrix C = random_sparse(288, 3, 1, 57);
+  const Eigen::MatrixXd CC = Eigen::MatrixXd(C) * Eigen::MatrixXd(C).transpose();
+  backend_->analyze(identity(3), MatrixKind::spd);  // forgets
+  backend_->factorize(A, MatrixKind::spd);
+  backend_->update(C, 1);
+  EXPECT_LT(difference(backend_->solve(B), (full + CC).llt().solve(B)), 1e-10);
+  backend_->update(C, -1);
+  EXPECT_LT(difference(backend_->solve(B), full.llt().solve(B)), 1e-9);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
