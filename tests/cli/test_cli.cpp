@@ -954,12 +954,15 @@ TEST_F(Cli, CompareAllTakesTheBackendsOfThisBuild) {
 
   EXPECT_EQ(call(comparison({"--nonlinear", "all", "--set", "energy.type=arap"})).code, 0);
   std::map<std::string, nlohmann::json> row_of;
-  for (const nlohmann::json& row : record()["rows"]) row_of[row["backend"]] = row;
+  const nlohmann::json nonlinear = record()["rows"];
+  for (const nlohmann::json& row : nonlinear) row_of[row["backend"]] = row;
   for (const NonlinearBackendEntry& entry : nonlinear_backends().entries()) {
     EXPECT_EQ(row_of.count(entry.name), entry.available ? 1U : 0U) << entry.name;
   }
   // The history of `coupled` is that of another functional, which is lower: it must not count as a solution.
-  for (const std::string name : {"newton", "gauss_newton"}) EXPECT_EQ(row_of[name]["solved"], true) << name;
+  for (const std::string name : {"newton", "gauss_newton"}) {
+    EXPECT_EQ(row_of[name]["solved"], true) << name;
+  }
   EXPECT_EQ(row_of["coupled"]["objective"], row_of["coupled"]["energy_W"]);
 }
 

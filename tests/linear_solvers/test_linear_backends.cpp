@@ -723,6 +723,7 @@ TEST_P(UpdatingBackend, UpdatesGoOnWithMatricesThatLookHermitian) {
   const Eigen::MatrixXd CC = Eigen::MatrixXd(C) * Eigen::MatrixXd(C).transpose();
   backend_->analyze(identity(3), MatrixKind::spd);  // forgets
   backend_->factorize(A, MatrixKind::spd);
+  EXPECT_THAT(backend_->report().ordering, HasSubstr("complex"));
   backend_->update(C, 1);
   EXPECT_LT(difference(backend_->solve(B), (full + CC).llt().solve(B)), 1e-10);
   backend_->update(C, -1);
