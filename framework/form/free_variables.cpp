@@ -52,16 +52,19 @@ FreeVariables::FreeVariables(const Constraints& constraints)
     }
     Eigen::MatrixXd dense(C.rows(), static_cast<Eigen::Index>(seen.size()));
     for (std::size_t j = 0; j < seen.size(); ++j) dense.col(static_cast<Eigen::Index>(j)) = C.col(seen[j]);
-    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(dense);
-    const Eigen::Index rank = qr.rank();
-    const auto& order = qr.colsPermutation().indices();
-    Eigen::MatrixXd basic(dense.rows(), rank);
-    for (Eigen::Index j = 0; j < rank; ++j) {
-      basic.col(j) = dense.col(order[j]);
-      basic_.push_back(seen[order[j]]);
-      determined[basic_.back()] = true;
+    Eigen::Index rank = 0;
+    if (dense.cols() > 0) {  // else all that the equalities see is fixed
+      const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(dense);
+      rank = qr.rank();
+      for (Eigen::Index j = 0; j < rank; ++j) {
+        basic_.push_back(seen[qr.colsPermutation().indices()[j]]);
+        determined[basic_.back()] = true;
+      }
     }
-    inverse_ = basic.completeOrthogonalDecomposition().pseudoInverse();
+    Eigen::MatrixXd basic(dense.rows(), rank);
+    for (Eigen::Index j = 0; j < rank; ++j) basic.col(j) = C.col(basic_[j]);
+    inverse_ = Eigen::MatrixXd::Zero(rank, dense.rows());
+    if (rank > 0) inverse_ = basic.completeOrthogonalDecomposition().pseudoInverse();
     const Eigen::MatrixXd follows = -inverse_ * dense;
 
     std::vector<Index> column(Z_.cols(), -1);

@@ -7,14 +7,17 @@
 
 namespace variform {
 
-LinearizedProblem::LinearizedProblem(Problem& problem) : QuadraticModel(problem, "Gauss-Newton") {
-  std::vector<Term> terms = problem.declare_terms();
+LinearizedProblem::LinearizedProblem(Problem& problem) : QuadraticModel(problem, "Gauss-Newton") {}
+
+void LinearizedProblem::declare() {
+  std::vector<Term> terms = problem_.declare_terms();
   const Form& form = terms.front().form;
   terms_.push_back({coupled_form(form, form.residuals() * form.columns()), std::move(terms.front().norm)});
   add_linear_terms(std::move(terms));
 }
 
 void LinearizedProblem::linearize(const Matrix& U) {
+  if (terms_.empty()) declare();  // the gradient alone goes without these blocks
   const Form& form = problem_.terms().front().form;
   Form& linear = terms_.front().form;
   const int size = linear.residuals();

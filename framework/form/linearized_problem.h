@@ -11,7 +11,8 @@ namespace variform {
 /// symbolic analysis once.
 class LinearizedProblem : private QuadraticModel {
  public:
-  /// The problem must outlive this and keep its beta. Throws UsageError unless its energy is a TargetEnergy.
+  /// The problem must outlive this and keep its beta and positions. Throws UsageError unless its energy is a
+  /// TargetEnergy.
   explicit LinearizedProblem(Problem& problem);
 
   /// See Objective::gauss_newton. The problem's targets must be those of U. Throws UsageError when U does not satisfy
@@ -26,6 +27,7 @@ class LinearizedProblem : private QuadraticModel {
   LeastSquares least_squares(const Matrix& U);
 
  private:
+  void declare();
   void linearize(const Matrix& U);
 };
 

@@ -15,7 +15,8 @@ namespace variform {
 /// refilled in place, same bits on any number of threads) and elimination are those of the problem.
 class NewtonModel : private QuadraticModel {
  public:
-  /// The problem must outlive this and keep its beta. Throws UsageError unless its energy is a TargetEnergy.
+  /// The problem must outlive this and keep its beta and positions. Throws UsageError unless its energy is a
+  /// TargetEnergy.
   explicit NewtonModel(Problem& problem);
 
   /// Derivative of the objective at U by its coordinates (|V| x d), soft constraints included, as if vertices with hard

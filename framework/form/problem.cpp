@@ -231,7 +231,9 @@ Matrix Problem::solve(LinearBackend& backend) {
   if (least_squares && reduction_->indefinite()) {
     throw UsageError("linear equality constraints need a backend for indefinite systems, not a least-squares one");
   }
-  const bool factorize = factorized_in_ != &backend || factorization_ != backend.report().factorizations;
+  // A backend that failed last, changing its factorization perhaps, starts anew.
+  const bool factorize =
+      factorized_in_ != &backend || factorization_ != backend.report().factorizations || !backend.report().ok;
   const Eigen::Index columns = traits_.columns;
   SparseMatrix stacked;
   Eigen::MatrixXd right_hand_side;

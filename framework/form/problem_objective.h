@@ -21,8 +21,8 @@ class ProblemObjective final : public Objective {
   /// The values at free vertices, see FreeVariables.
   Eigen::VectorXd variables(const Matrix& U) override;
   Matrix state(const Eigen::VectorXd& y) override;
-  /// With the part of the targets that follows the state. These two need an energy whose targets are projections, and
-  /// a state that satisfies the hard constraints: UsageError otherwise.
+  /// With the part of the targets that follows the state. These two need an energy whose targets are a function of the
+  /// cells' values (TargetEnergy), and a state that satisfies the hard constraints: UsageError otherwise.
   Eigen::VectorXd gradient(const Matrix& U) override;
   LeastSquares least_squares(const Matrix& U) override;
 

@@ -20,8 +20,8 @@ struct ProblemTimes;
 /// assembly and elimination as for the problem itself; pattern and symbolic analysis once.
 class QuadraticModel {
  protected:
-  /// The problem must outlive this and keep its beta. Throws UsageError, beginning with the name of the model, unless
-  /// its energy is a TargetEnergy.
+  /// The problem must outlive this and keep its beta and positions. Throws UsageError, beginning with the name of the
+  /// model, unless its energy is a TargetEnergy.
   QuadraticModel(Problem& problem, const char* name);
   ~QuadraticModel();
 

@@ -183,7 +183,15 @@ Eigen::MatrixXd EigenBackend::search_complement(const EigenPairs& found, unsigne
   if (size == 0) return {};
   const Eigen::MatrixXd upper = T.topLeftCorner(size, size);
   const Eigen::MatrixXd symmetric = upper.selfadjointView<Eigen::Upper>();
-  const double largest = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(symmetric).eigenvalues().maxCoeff();
+  const Vector values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(symmetric).eigenvalues();
+  const double largest = values.maxCoeff();
+  // Inner backends for indefinite matrices do not see that one is; a positive operator has no negative Ritz value but
+  // by rounding.
+  constexpr double kRounding = 1e-3;
+  if (found.values[0] < report_.shift || values.minCoeff() < -kRounding * values.cwiseAbs().maxCoeff()) {
+    fail(fmt::format("K - shift M with shift {:.6g} is not positive definite; the shift must be below all eigenvalues",
+                     report_.shift));
+  }
   const double smallest_found = 1.0 / (found.values[k - 1] - report_.shift);
   constexpr double kClearly = 1.0 + 1e-6;
   if (!(largest > kClearly * smallest_found)) return {};

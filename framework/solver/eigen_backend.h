@@ -53,8 +53,8 @@ struct EigenReport {
 ///
 /// Starts from the same vector every time. Iterations from one vector find several copies of a multiple eigenvalue by
 /// rounding only, and may miss one: a second, short iteration on the M-orthogonal complement of what was found looks
-/// for values that belong in between, and puts them there. Every pair's residual is checked against residual_limit: a
-/// wrong answer is an error, never a return value.
+/// for values that belong in between, and puts them there, and for a shift that is not below all of them. Every pair's
+/// residual is checked against residual_limit: a wrong answer is an error, never a return value.
 ///
 /// To add a backend, derive in solvers/eigen/<name>.cpp, implement iterate(), and add one line to
 /// solvers/eigen/eigen_backends.cpp.

@@ -29,6 +29,7 @@ class Function final : public ceres::FirstOrderFunction {
   int NumParameters() const override { return static_cast<int>(objective_.size()); }
 
   bool Evaluate(const double* parameters, double* cost, double* gradient) const override {
+    if (error_) return false;  // Ceres tries shorter steps first
     try {
       const Eigen::Map<const Eigen::VectorXd> x(parameters, objective_.size());
       const Matrix U = objective_.state(x);

@@ -36,7 +36,7 @@ class StackedResidual final : public ceres::EvaluationCallback {
   }
 
   void PrepareForEvaluation(bool, bool new_evaluation_point) override {
-    if (!new_evaluation_point) return;
+    if (!new_evaluation_point || error_) return;  // Ceres tries shorter steps first
     try {
       evaluate();
     } catch (...) {

@@ -8,8 +8,7 @@
 namespace variform {
 
 /// An objective as libraries see it: a function f(x) = E / E_0 of the variables x = y / L, so that absolute tolerances
-/// and first steps inside a library mean the same for every problem. L is the length scale, E_1 a millionth of the
-/// value at the start.
+/// and first steps inside a library mean the same for every problem. L is the length scale, E_0 the value at the start.
 class ScaledObjective {
  public:
   /// Throws UsageError when the objective offers no variables, or U0 does not satisfy the hard constraints.

@@ -76,7 +76,7 @@ class NloptBackend final : public LibraryBackend {
   double evaluate(const Eigen::VectorXd& x, double* gradient) {
     Eigen::Map<Eigen::VectorXd> derivative(gradient, gradient != nullptr ? x.size() : 0);
     derivative.setZero();
-    if (over()) return kBeyond;  // L-BFGS ends its line search first
+    if (over() || run_.error) return kBeyond;  // L-BFGS ends its line search first
     try {
       const ScaledObjective& scaled = *run_.objective;
       const Matrix U = scaled.state(x);

@@ -276,6 +276,23 @@ TEST_P(AnyEigenBackend, RefusesWhatItCannotDo) {
   EXPECT_EQ(backend_->report().shift, -1.0);
 }
 
+// Solvers for indefinite matrices factorize K - shift M whatever the shift: what lies below it would be left out.
+TEST_P(AnyEigenBackend, ShiftAboveAnEigenvalueIsAnErrorWithInnerSolversForIndefiniteMatrices) {
+  const Pencil pencil = random_pencil(40, 4);
+  const Vector values = dense_values(pencil, 12);
+  for (const std::string inner : {"eigen.lu", "eigen.qr"}) {
+    for (const Index below : {1, 2, 10}) {
+      Parameters parameters(eigen_backends().find(GetParam()).parameters);
+      parameters.set("inner", inner);
+      const auto backend = make_eigen_backend(GetParam(), parameters);
+      backend->options.shift = 0.5 * (values[below - 1] + values[below]);
+      EXPECT_THAT(message_of([&] { backend->solve(pencil.K, pencil.M, 3); }, ExitCode::solver),
+                  HasSubstr("below all eigenvalues"))
+          << inner << ", " << below << " eigenvalues below";
+    }
+  }
+}
+
 TEST_P(AnyEigenBackend, SaysWhenItDoesNotConverge) {
   const Pencil pencil = interval(400);
   backend_->options.max_iterations = 1;

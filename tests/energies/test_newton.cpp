@@ -259,6 +259,28 @@ TEST(NewtonModel, RegularizedMatrixAddsTheGaussNewtonMatrixOfTheVariation) {
   }
 }
 
+// The same through the stacked residuals of the objective, for all gauges: J'W J at beta less its plain part.
+TEST(NewtonModel, RegularizedMatrixAddsTheVariationOfTheStackedResidual) {
+  const double beta = 0.3;
+  for (const Case& at : cases(0.9)) {
+    SCOPED_TRACE(at.name);
+    Problem plain(at.domain, *at.energy, {}, one_pin(at));
+    Problem problem(at.domain, *at.energy, {.beta = beta}, one_pin(at));
+    const auto linear = make_linear_backend("eigen.ldlt");
+    const auto normal = [&](Problem& of) {
+      const SparseMatrix J = ProblemObjective(of, *linear).least_squares(at.U).jacobian;  // refreshes the targets
+      return Eigen::MatrixXd(J.transpose() * J);
+    };
+    const Eigen::MatrixXd variation = normal(problem) - (1.0 - beta) * normal(plain);
+    NewtonModel plain_model(plain);
+    NewtonModel model(problem);
+    const Eigen::MatrixXd expected = (1.0 - beta) * testing::dense_symmetric(plain_model.matrix(at.U)) + variation;
+    const Eigen::MatrixXd found = testing::dense_symmetric(model.matrix(at.U));
+    EXPECT_GT(variation.cwiseAbs().maxCoeff(), 0.1 * found.cwiseAbs().maxCoeff());
+    EXPECT_LT((found - expected).cwiseAbs().maxCoeff(), 1e-12 * expected.cwiseAbs().maxCoeff());
+  }
+}
+
 TEST(NewtonModel, MatrixHasTheSameBitsOnOneThread) {
   const Case at = at_state("symmetric_dirichlet", Domain(rectangle_mesh({.h = 1.0 / 40, .jitter = 0.2})), 1.0);
   const Matrix U = at.domain.positions() * Eigen::Matrix2d{{0.8, 0.3}, {0.0, 1.1}};

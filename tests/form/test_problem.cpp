@@ -431,7 +431,6 @@ TEST(Problem, ScaledResidualHasTheSameMinimizer) {
   }
 }
 
-// W is a matter of the domain, beta and the facet weight alone.
 TEST(Problem, HandlesComeMoveAndGoWithoutANewFactorization) {
   const auto backend_name = "cholmod.simplicial";
   if (!linear_backends().find(backend_name).available) return;
@@ -488,6 +487,54 @@ TEST(Problem, HandlesComeMoveAndGoWithoutANewFactorization) {
   }
 }
 
+// Dense, and its first change of a factorization fails.
+class FailsOnce final : public LinearBackend {
+ public:
+  FailsOnce() : LinearBackend("fails once") {}
+  LinearCapabilities capabilities() const override { return {.spd = true, .update = true}; }
+
+ protected:
+  void do_analyze() override {}
+  void do_factorize() override { dense_ = testing::dense_symmetric(matrix()); }
+  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override { return dense_.llt().solve(B); }
+  void do_hold(Index unknown) override {
+    if (!failed_) {
+      failed_ = true;
+      fail("broken on purpose");
+    }
+    dense_.row(unknown).setZero();
+    dense_.col(unknown).setZero();
+    dense_(unknown, unknown) = 1.0;
+  }
+
+ private:
+  Eigen::MatrixXd dense_;
+  bool failed_ = false;
+};
+
+TEST(Problem, SolvesAgainAfterAHandleThatCouldNotBeHeld) {
+  const Domain domain(rectangle_mesh({.h = 0.25, .jitter = 0.2}));
+  const auto energy = make("asap");
+  const Constraints constraints = some_fixed(domain, 2);
+  Problem problem(domain, *energy, {}, constraints);
+  FailsOnce backend;
+  problem.solve(backend);
+  Index handle = 0;
+  const auto is_fixed = [&](Index v) {
+    return std::any_of(constraints.fixed().begin(), constraints.fixed().end(),
+                       [v](const Constraints::Value& fixed) { return fixed.vertex == v; });
+  };
+  while (is_fixed(handle)) ++handle;
+  const Eigen::RowVector2d value(0.3, 0.4);
+  problem.hold(handle, value);
+  EXPECT_THROW(problem.solve(backend), SolverError);
+  Constraints all = constraints;
+  all.fix(handle, value);
+  Problem fresh(domain, *energy, {}, all);
+  EXPECT_LT((problem.solve(backend) - fresh.solve(*make_linear_backend("eigen.ldlt"))).norm(), 1e-10);
+}
+
+// W is a matter of the domain, beta and the facet weight alone.
 TEST(Problem, EnergiesShareTheNorm) {
   const Domain domain(rectangle_mesh({.h = 0.2, .jitter = 0.3}));
   const Constraints constraints = some_fixed(domain, 2);

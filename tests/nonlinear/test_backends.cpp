@@ -257,6 +257,7 @@ TEST(LibraryBackends, ErrorsOfTheObjectiveComeThrough) {
         ADD_FAILURE() << entry.name << ": no error";
       } catch (const SolverError& error) {
         EXPECT_STREQ(error.what(), "broken on purpose") << entry.name;
+        EXPECT_EQ(objective.values, at) << entry.name << " goes on after an error";
       }
     }
   }

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "framework/base/error.h"
+#include "solvers/nonlinear/nonlinear_backends.h"
 #include "tests/nonlinear/arap_problems.h"
 
 namespace variform {
@@ -209,6 +210,48 @@ TEST(FreeVariables, ContradictingEqualitiesAreAnError) {
   EXPECT_EQ(FreeVariables(constraints).count(), 4);
   constraints.combine({0, 2}, {1.0, -1.0}, Eigen::RowVector2d(0.5, 0.0));  // follows from these, but for the value
   EXPECT_THROW(FreeVariables{constraints}, DataError);
+}
+
+// Equalities between fixed vertices, or those that are identified, take no variable away.
+TEST(FreeVariables, EqualitiesThatHoldAlreadyTakeNothingAway) {
+  const Eigen::RowVector2d zero = Eigen::RowVector2d::Zero();
+  Constraints fixed(3, 2);
+  fixed.fix(0, Eigen::RowVector2d(1.0, 2.0));
+  fixed.fix(1, Eigen::RowVector2d(1.0, 2.0));
+  fixed.combine({0, 1}, {1.0, -1.0}, zero);
+  const FreeVariables variables(fixed);
+  EXPECT_EQ(variables.count(), 2);
+  EXPECT_EQ(variables.state(Eigen::Vector2d(5.0, 6.0)), (Matrix{{1.0, 2.0}, {1.0, 2.0}, {5.0, 6.0}}));
+  fixed.combine({0, 1}, {1.0, 1.0}, zero);
+  EXPECT_THROW(FreeVariables{fixed}, DataError);
+
+  Constraints seam(3, 2);
+  seam.identify(0, 1);
+  seam.combine({0, 1}, {1.0, -1.0}, zero);
+  EXPECT_EQ(FreeVariables(seam).count(), 4);
+}
+
+// Through Lagrange multipliers: steps stay on the equalities, and lead to where the gradient on them vanishes.
+TEST(ProblemObjective, SecondOrderBackendsMinimizeUnderLinearEqualities) {
+  const ArapProblem of = with_equalities();
+  for (const double beta : {0.0, 0.3}) {
+    std::vector<double> energies;
+    for (const std::string name : {"gauss_newton", "newton"}) {
+      SCOPED_TRACE(name + ", beta " + std::to_string(beta));
+      Problem problem(*of.domain, *of.energy, {.beta = beta}, of.constraints);
+      const auto linear = make_linear_backend("eigen.lu");
+      ProblemObjective objective(problem, *linear);
+      const auto backend = make_nonlinear_backend(name);
+      const Matrix U = backend->minimize(objective, of.start, {.tolerance = 1e-12, .gradient_tolerance = 1e-9});
+      EXPECT_TRUE(backend->report().converged) << backend->report().reason;
+      EXPECT_GT(backend->report().iterations, 1);
+      EXPECT_LT((objective.state(objective.variables(U)) - U).cwiseAbs().maxCoeff(), 1e-11);
+      const EnergyValue value = objective.value(U);
+      EXPECT_LT(stationarity(objective, objective.gradient(U), value), 1e-4);
+      energies.push_back(value.objective());
+    }
+    EXPECT_NEAR(energies[0], energies[1], 1e-9 * energies[0]);
+  }
 }
 
 }  // namespace
