@@ -5,7 +5,7 @@ extern "C" {
 const char* __lsan_default_suppressions();  // NOLINT(bugprone-reserved-identifier): the sanitizer's name
 const char* __lsan_default_options();       // NOLINT(bugprone-reserved-identifier): the sanitizer's name
 
-const char* __lsan_default_suppressions() { return "leak:libfontconfig"; }
+const char* __lsan_default_suppressions() { return "leak:libfontconfig\nleak:libsuperlu"; }
 // Scripts read standard error.
 const char* __lsan_default_options() { return "print_suppressions=0"; }
 }
