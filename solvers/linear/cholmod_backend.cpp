@@ -151,7 +151,10 @@ class CholmodBackend final : public LinearBackend {
   }
 
   void do_update(const SparseMatrix& C, int sign) override {
+    // matrix() holds the change already, and so does a new factorization of it.
+    const bool is_done = complex_;
     prepare_update();
+    if (is_done) return;
     SparseMatrix permuted(C.rows(), C.cols());
     std::vector<Eigen::Triplet<double, Index>> triplets;
     for (Index j = 0; j < C.cols(); ++j) {
