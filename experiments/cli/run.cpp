@@ -132,6 +132,16 @@ Config configured(const RunArguments& arguments) {
       if (name == key || name.rfind(key + ".", 0) == 0) config.erase("sweep.\"" + name + "\"");
     }
     if (key.find('"') == std::string::npos) config.erase("sweep." + key);
+    if (!config.root().at("sweep").has("seed_key")) continue;
+    ConfigValue::Array seed_keys;
+    for (const ConfigNode& name : config.root().at("sweep").at("seed_key").elements(true)) {
+      if (name.string() != key && name.string().rfind(key + ".", 0) != 0) seed_keys.push_back(name.value());
+    }
+    if (seed_keys.empty()) {
+      config.erase("sweep.seed_key");
+    } else {
+      config.set("sweep.seed_key", {seed_keys, 0});
+    }
   }
   add_sweep(arguments, config);
   return config;

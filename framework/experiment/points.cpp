@@ -254,6 +254,9 @@ class PointRun {
         const bool is_known =
             end.exit_code == static_cast<int>(ExitCode::usage) || end.exit_code == static_cast<int>(ExitCode::data);
         const bool told = end.outcome == ProcessOutcome::failed && is_known;
+        // One that ended badly after it had written its result: what it wrote is not to be taken.
+        std::error_code ignored;
+        fs::remove(PointFiles(options_.folder, i).checkpoint, ignored);
         fail(end.outcome, told ? static_cast<ExitCode>(end.exit_code) : ExitCode::solver, end.reason, point);
       }
       count(point);

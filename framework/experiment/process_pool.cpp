@@ -142,6 +142,26 @@ std::string told_reason(const std::string& text) {
   return told.empty() ? last : told;
 }
 
+// Where SIGCHLD is ignored, which a program may have inherited, the system reaps processes by itself: how they ended is
+// lost, and whoever waits to see them end waits for ever.
+class ChildrenAreKept {
+ public:
+  ChildrenAreKept() {
+    struct sigaction standard {};
+    standard.sa_handler = SIG_DFL;
+    sigaction(SIGCHLD, nullptr, &before_);
+    if (before_.sa_handler == SIG_IGN || (before_.sa_flags & SA_NOCLDWAIT) != 0) {
+      sigaction(SIGCHLD, &standard, nullptr);
+    }
+  }
+  ~ChildrenAreKept() { sigaction(SIGCHLD, &before_, nullptr); }
+  ChildrenAreKept(const ChildrenAreKept&) = delete;
+  ChildrenAreKept& operator=(const ChildrenAreKept&) = delete;
+
+ private:
+  struct sigaction before_ {};
+};
+
 // A process that runs.
 class Process {
  public:
@@ -315,6 +335,7 @@ std::vector<ProcessResult> run_processes(std::size_t count, const std::function<
     throw UsageError(
         fmt::format("expected limits of at least 0, got {} s and {} MiB", limits.seconds, limits.memory_mib));
   }
+  const ChildrenAreKept kept;
   std::vector<ProcessResult> results(count);
   std::list<Process> running;
   std::size_t next = 0;

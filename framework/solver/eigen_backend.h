@@ -96,6 +96,7 @@ class EigenBackend {
  private:
   void check(const SparseMatrix& K, const SparseMatrix& M, Index count) const;
   void factorize();
+  [[noreturn]] void refuse_shift() const;
   Eigen::MatrixXd apply_mass_all(const Eigen::MatrixXd& X) const;
   EigenPairs rayleigh_ritz(const Eigen::MatrixXd& basis, Index count) const;
   EigenPairs purified(const EigenPairs& pairs);

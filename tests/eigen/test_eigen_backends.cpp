@@ -293,6 +293,43 @@ TEST_P(AnyEigenBackend, ShiftAboveAnEigenvalueIsAnErrorWithInnerSolversForIndefi
   }
 }
 
+TEST_P(AnyEigenBackend, RefusesAShiftAmongTheEigenvaluesWhateverTheInnerSolver) {
+  for (const std::string inner : {"eigen.lu", "eigen.qr"}) {
+    Parameters parameters(eigen_backends().find(GetParam()).parameters);
+    parameters.set("inner", inner);
+    parameters.set("shift", 20.5);
+    const auto backend = make_eigen_backend(GetParam(), parameters);
+    const SparseMatrix middle = diagonal(Vector::LinSpaced(60, 1.0, 60.0));
+    EXPECT_THAT(message_of([&] { backend->solve(middle, SparseMatrix(), 4); }, ExitCode::solver),
+                HasSubstr("below all eigenvalues"));
+    Vector values = Vector::LinSpaced(60, 21.0, 80.0);
+    values[30] = 1.0;  // far from the shift: none of those that are found first
+    EXPECT_THAT(message_of([&] { backend->solve(diagonal(values), SparseMatrix(), 4); }, ExitCode::solver),
+                HasSubstr("below all eigenvalues"));
+  }
+}
+
+TEST_P(AnyEigenBackend, FindsBothCopiesOfTheManyDoubleEigenvaluesOfASquare) {
+  const Index m = 60;
+  Triplets triplets;
+  std::vector<double> all;
+  for (Index i = 0; i < m; ++i) {
+    for (Index j = 0; j < m; ++j) {
+      triplets.emplace_back(i * m + j, i * m + j, 4.0);
+      if (j + 1 < m) triplets.emplace_back(i * m + j + 1, i * m + j, -1.0);
+      if (i + 1 < m) triplets.emplace_back(i * m + m + j, i * m + j, -1.0);
+      const auto one = [&](Index k) { return 2.0 - 2.0 * std::cos((k + 1) * kPi / (m + 1)); };
+      all.push_back(one(i) + one(j));
+    }
+  }
+  std::sort(all.begin(), all.end());
+  for (const Index count : {10, 25, 40}) {
+    const EigenPairs pairs = backend_->solve(from_triplets(m * m, triplets), SparseMatrix(), count);
+    const Vector exact = Eigen::Map<const Vector>(all.data(), count);
+    EXPECT_LT((pairs.values - exact).cwiseAbs().maxCoeff(), 1e-10) << count << ' ' << backend_->report().completed;
+  }
+}
+
 TEST_P(AnyEigenBackend, SaysWhenItDoesNotConverge) {
   const Pencil pencil = interval(400);
   backend_->options.max_iterations = 1;

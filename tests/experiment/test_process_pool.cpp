@@ -56,6 +56,16 @@ TEST(ProcessPool, AFailureHasItsCodeAndTheErrorThatItTold) {
   EXPECT_THAT(result.error, HasSubstr("more noise"));
 }
 
+TEST(ProcessPool, EndsAreSeenWhereSignalsOfChildrenAreIgnored) {
+  const auto before = std::signal(SIGCHLD, SIG_IGN);
+  alarm(30);  // instead of waiting for ever
+  const ProcessResult result = result_of(child({"exit", "3"}));
+  alarm(0);
+  EXPECT_EQ(std::signal(SIGCHLD, before), SIG_IGN);
+  EXPECT_EQ(result.outcome, ProcessOutcome::failed);
+  EXPECT_EQ(result.exit_code, 3);
+}
+
 TEST(ProcessPool, AProgramThatIsNotThereIsAFailure) {
   const ProcessResult result = result_of({{"/there/is/no/such/program"}});
   EXPECT_EQ(result.outcome, ProcessOutcome::failed);
