@@ -26,7 +26,7 @@ int main_checked(int argc, char** argv) {
   CLI::App app(
       "Solver research framework for variational geometry processing.\n"
       "Exit codes: 0 done, 1 a claim failed under reproduce, 2 bad usage or config, 3 bad input data, 4 a solver "
-      "failed, or a run crashed or broke a limit.");
+      "failed, or a run crashed or broke a limit, 130 interrupted.");
   app.require_subcommand(0, 1);
   bool is_version = false;
   app.add_flag("--version", is_version, "version, effective licence and BLAS");

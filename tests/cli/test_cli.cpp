@@ -872,6 +872,11 @@ TEST_F(Cli, SweepsOfOtherKindsComeFromTheCommandLine) {
       EXPECT_EQ(types["asap"], 2);
     }
   }
+  // A seed given by hand is no longer one of the sweep.
+  EXPECT_EQ(
+      sweep({"--grid", "norm.beta=[0, 0.2]", "--set", "sweep.seed_key=domain.seed", "--set", "domain.seed=7"}).code, 0);
+  rows = record()["rows"];
+  EXPECT_FALSE(rows[0].contains("seed"));
   // The config of the record runs to the same table.
   write("again.toml", record()["config"]);
   ASSERT_EQ(call({"run", "{}/again.toml", "--out", "{}/again", "--no-figures", "--quiet"}).code, 0);

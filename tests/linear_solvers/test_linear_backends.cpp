@@ -739,14 +739,14 @@ TEST_P(UpdatingBackend, UpdatesGoOnWithMatricesThatLookHermitian) {
   EXPECT_LT(difference(backend_->solve(B), K.llt().solve(B)), 1e-10);
 
   const Eigen::MatrixXd full = dense_symmetric(A);
-  const SparseMatrix C = random_sparse(288, 3, 1, 57);
-  const Eigen::MatrixXd CC = Eigen::MatrixXd(C) * Eigen::MatrixXd(C).transpose();
+  const SparseMatrix wide = random_sparse(288, 3, 1, 57);
+  const Eigen::MatrixXd square = Eigen::MatrixXd(wide) * Eigen::MatrixXd(wide).transpose();
   backend_->analyze(identity(3), MatrixKind::spd);  // forgets
   backend_->factorize(A, MatrixKind::spd);
   EXPECT_THAT(backend_->report().ordering, HasSubstr("complex"));
-  backend_->update(C, 1);
-  EXPECT_LT(difference(backend_->solve(B), (full + CC).llt().solve(B)), 1e-10);
-  backend_->update(C, -1);
+  backend_->update(wide, 1);
+  EXPECT_LT(difference(backend_->solve(B), (full + square).llt().solve(B)), 1e-10);
+  backend_->update(wide, -1);
   EXPECT_LT(difference(backend_->solve(B), full.llt().solve(B)), 1e-9);
 }
 
