@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Measures what docs/solvers.md says: runs the comparisons of experiments/solvers and rewrites the tables of that file.
-# Half an hour on two cores; nothing else should run. VARIFORM: the program (default: of the release build).
+# A quarter of an hour on two cores; nothing else should run. VARIFORM: the program (default: of the release build).
 # QUICK=1: the sizes of the shipped configs, once, for a look.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -34,8 +34,8 @@ insert() {  # NAME
 }
 
 mkdir -p "$runs"
-often=(--repeats 5 --warm-up 1)
-once=(--repeats 1 --warm-up 0 --time-limit 150)
+often=(--repeats 3 --warm-up 1)
+once=(--repeats 1 --warm-up 0 --time-limit 100)
 plane='sweep={ "domain.h" = [0.01, 0.005773502691896258, 0.0031622776601683794, 0.0018257418583505536, 0.001] }'
 cube='sweep={ "domain.h" = [0.05, 0.03333333333333333, 0.025, 0.02, 0.016666666666666666] }'
 if [ "${QUICK:-0}" = 1 ]; then
