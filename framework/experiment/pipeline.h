@@ -31,6 +31,40 @@ struct SolveTrace {
   std::vector<double> linear_residuals = {};  ///< relative, by iteration of the last linear solve; direct: empty
 };
 
+/// A moving shape: a state at each of several times. The runner writes it as a series for ParaView (meshes/NAME.pvd and a
+/// VTU for every frame), draws every frame, and lets the report play them.
+struct Trajectory {
+  struct Frame {
+    double time = 0.0;
+    Mesh mesh = {};  ///< vertex order of the input; the same cells in all frames
+    std::vector<MeshField> fields = {};
+    MeshFigure figure = {};  ///< titles and ranges of scales are left to the runner
+  };
+  std::vector<Frame> frames = {};
+  std::vector<Curve> curves = {};  ///< values over time (x), by name of the value: one plot for each name
+};
+
+/// A place where a point may keep unfinished work, so that a run that is interrupted goes on from there (--resume). What
+/// is saved is bytes, good for the same point of the same config only; it is removed when the point has ended.
+class Workspace {
+ public:
+  /// Keeps nothing.
+  Workspace() = default;
+  /// In `file`, under a key; load() finds it if `resume`.
+  Workspace(std::filesystem::path file, std::string key, bool resume);
+
+  /// Replaces what was saved; complete or not at all. Throws DataError when it cannot be written.
+  void save(const std::string& bytes) const;
+  /// What was saved last under this key, if it is whole.
+  std::optional<std::string> load() const;
+  void clear() const;
+
+ private:
+  std::filesystem::path file_ = {};
+  std::string key_ = {};
+  bool resume_ = false;
+};
+
 /// What a pipeline makes of one point of a study: a config without sweep, every value in its place.
 struct PointResult {
   Row metrics;                         ///< flat; the runner puts the swept keys in front
@@ -45,6 +79,7 @@ struct PointResult {
   Matrix probes = {};               ///< images of the probe points (NaN where a point is outside), for [compare]
   double probe_scale = 1.0;         ///< length that differences of probes are divided by
   SolveTrace trace = {};
+  Trajectory trajectory = {};
   std::vector<Trials> trials = {};  ///< what searches inside the point tried, for the record, tables and plots
   std::vector<std::string> warnings = {};
 };
