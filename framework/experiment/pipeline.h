@@ -6,6 +6,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -31,8 +32,8 @@ struct SolveTrace {
   std::vector<double> linear_residuals = {};  ///< relative, by iteration of the last linear solve; direct: empty
 };
 
-/// A moving shape: a state at each of several times. The runner writes it as a series for ParaView (meshes/NAME.pvd and a
-/// VTU for every frame), draws every frame, and lets the report play them.
+/// A moving shape: a state at each of several times. The runner writes it as a series for ParaView (meshes/NAME.pvd and
+/// a VTU for every frame), draws every frame, and lets the report play them.
 struct Trajectory {
   struct Frame {
     double time = 0.0;
@@ -44,20 +45,25 @@ struct Trajectory {
   std::vector<Curve> curves = {};  ///< values over time (x), by name of the value: one plot for each name
 };
 
-/// A place where a point may keep unfinished work, so that a run that is interrupted goes on from there (--resume). What
-/// is saved is bytes, good for the same point of the same config only; it is removed when the point has ended.
+/// A place where a point may keep unfinished work, so that a run that is interrupted goes on from there (--resume).
+/// What is saved is bytes, good for the same point of the same config only; it is removed when the point has ended,
+/// with a result or an error.
 class Workspace {
  public:
   /// Keeps nothing.
   Workspace() = default;
-  /// In `file`, under a key; load() finds it if `resume`.
+  /// In `file`, under a key; load() finds what an earlier process saved if `resume`.
   Workspace(std::filesystem::path file, std::string key, bool resume);
 
-  /// Replaces what was saved; complete or not at all. Throws DataError when it cannot be written.
+  /// Replaces what was saved; complete or not at all, whenever the process is killed. Throws DataError when it cannot
+  /// be written.
   void save(const std::string& bytes) const;
-  /// What was saved last under this key, if it is whole.
+  /// What was saved last under this key, if it is whole; with resume = false nothing.
   std::optional<std::string> load() const;
   void clear() const;
+  /// The same file for a part of the point that has a key of its own: a trial of a search. What one part saved is
+  /// nothing to the others.
+  Workspace part(const std::string& key) const;
 
  private:
   std::filesystem::path file_ = {};
@@ -84,6 +90,37 @@ struct PointResult {
   std::vector<std::string> warnings = {};
 };
 
+class PointCode;
+
+/// What a pipeline may be made of: functions of a point's config, and of its place for unfinished work if they take it.
+template <class Code>
+concept PointFunction = !std::is_same_v<Code, PointCode> &&
+                        (std::is_invocable_r_v<PointResult, const Code&, const Config&> ||
+                         std::is_invocable_r_v<PointResult, const Code&, const Config&, const Workspace&>);
+
+/// The code of a pipeline for one point.
+class PointCode {
+ public:
+  PointCode() = default;
+  template <PointFunction Code>
+  PointCode(Code code) {
+    if constexpr (std::is_invocable_v<const Code&, const Config&, const Workspace&>) {
+      code_ = std::move(code);
+    } else {
+      code_ = [code = std::move(code)](const Config& config, const Workspace&) { return code(config); };
+    }
+  }
+
+  /// Without a workspace nothing is kept. Throws what the code throws.
+  PointResult operator()(const Config& config, const Workspace& workspace = {}) const {
+    return code_(config, workspace);
+  }
+  explicit operator bool() const { return static_cast<bool>(code_); }
+
+ private:
+  std::function<PointResult(const Config&, const Workspace&)> code_ = {};
+};
+
 /// A metric or phase time that a pipeline puts into its rows: what `variform list` prints and tables show.
 struct Metric {
   Column column;
@@ -106,7 +143,7 @@ struct PipelineEntry {
   std::vector<Metric> metrics = {};       ///< all that its rows may have: claims, columns and plots can name no others
   std::vector<std::string> figures = {};  ///< names of the figures that it makes, for output.figures
   /// Runs one point. mesh files are looked up through find_input. Throws Error.
-  std::function<PointResult(const Config&)> run = {};
+  PointCode run = {};
   /// The files that `run` reads for a point: a checkpoint is good only while they are unchanged. Throws as find_input.
   std::function<std::vector<std::filesystem::path>(const Config&)> inputs = {};
   /// Optional: throws UsageError for whatever is wrong with a point's config and can be known without running it. All

@@ -15,6 +15,7 @@
 #include "framework/base/error.h"
 #include "framework/domain/mesh_io.h"
 #include "framework/experiment/checkpoint.h"
+#include "framework/experiment/fingerprint.h"
 #include "framework/experiment/json.h"
 
 namespace variform {
@@ -24,13 +25,14 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 // The result is that of the upper end of the bracket; without one, of the last value tried.
-PointResult bisect(const PipelineEntry& pipeline, const Config& config, const ThresholdSearch& search) {
+PointResult bisect(const PipelineEntry& pipeline, const Config& config, const ThresholdSearch& search,
+                   const Workspace& workspace) {
   std::optional<PointResult> best;
   bool best_held = false;
   Trials trials = find_threshold(search, [&](double value) {
     Config point = config;
     point.set(search.key, ConfigValue{value, 0});
-    PointResult result = pipeline.run(point);
+    PointResult result = pipeline.run(point, workspace.part(point.text()));
     Row metrics = result.metrics;
     const bool held = search.until.holds(metrics);
     // Bisection goes down from what held to what holds.
@@ -51,17 +53,21 @@ PointResult bisect(const PipelineEntry& pipeline, const Config& config, const Th
   return result;
 }
 
+constexpr const char* kUnfinished = ".unfinished";
+
 // Where the files of a point are.
 struct PointFiles {
   PointFiles(const fs::path& run_folder, int point)
       : folder(run_folder),
         name(fmt::format("point-{:04}", point)),
         checkpoint(folder / "points" / (name + ".json")),
+        unfinished(folder / "points" / (name + kUnfinished)),
         fields("meshes/" + name + ".vtu") {}
 
   fs::path folder;
   std::string name;
   fs::path checkpoint;
+  fs::path unfinished;
   std::string fields;  // relative to the folder
 };
 
@@ -83,7 +89,7 @@ class CheckpointKeys {
       for (const fs::path& file : plan_.pipeline->inputs(at)) {
         if (!fs::is_regular_file(file)) continue;
         auto known = contents_.find(file);
-        if (known == contents_.end()) known = contents_.emplace(file, fingerprint(file)).first;
+        if (known == contents_.end()) known = contents_.emplace(file, identity(file)).first;
         key += known->second;
       }
     } catch (const Error&) {
@@ -93,12 +99,10 @@ class CheckpointKeys {
   }
 
  private:
-  static std::string fingerprint(const fs::path& file) {
+  static std::string identity(const fs::path& file) {
     std::ifstream stream(file, std::ios::binary);
     const std::string content((std::istreambuf_iterator<char>(stream)), std::istreambuf_iterator<char>());
-    std::uint64_t hash = 0xcbf29ce484222325ULL;  // FNV-1a
-    for (const char c : content) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3ULL;
-    return fmt::format("\n# {}: {} bytes, {:016x}", file.string(), content.size(), hash);
+    return fmt::format("\n# {}: {} bytes, {:016x}", file.string(), content.size(), fingerprint(content));
   }
 
   const Plan& plan_;
@@ -117,10 +121,22 @@ std::optional<PointResult> take_point(const PointFiles& files, const std::string
   return result;
 }
 
-PointResult execute_point(const Plan& plan, const Config& at, const PointFiles& files, const std::string& key) {
-  PointResult result = plan.bisection  ? bisect(*plan.pipeline, at, *plan.bisection)
-                       : plan.backends ? run_repeatedly(*plan.pipeline, at, *plan.backends)
-                                       : plan.pipeline->run(at);
+PointResult compute(const Plan& plan, const Config& at, const Workspace& workspace) {
+  if (plan.bisection) return bisect(*plan.pipeline, at, *plan.bisection, workspace);
+  if (plan.backends) return run_repeatedly(*plan.pipeline, at, *plan.backends);  // half a run is no time
+  return plan.pipeline->run(at, workspace);
+}
+
+PointResult execute_point(const Plan& plan, const Config& at, const PointFiles& files, const std::string& key,
+                          bool resume) {
+  const Workspace workspace(files.unfinished, key, resume);
+  PointResult result;
+  try {
+    result = compute(plan, at, workspace);
+  } catch (const Error&) {
+    workspace.clear();  // it would end in the same way again
+    throw;
+  }
   if (!plan.backends) result.trace = {};  // only comparisons look at it
   if (result.mesh.cell_count() > 0) {
     const bool tetrahedra = result.mesh.cells.cols() == 4;
@@ -134,6 +150,7 @@ PointResult execute_point(const Plan& plan, const Config& at, const PointFiles& 
     result.metrics.set("mesh", mesh);
   }
   save_point(files.checkpoint, key, result);
+  workspace.clear();
   return result;
 }
 
@@ -163,6 +180,7 @@ class PointRun {
         progress_{.total = plan.point_count()} {}
 
   std::vector<Point> run() {
+    if (!options_.resume) remove_unfinished_work();
     if (options_.point_command.empty())
       run_here();
     else
@@ -175,6 +193,15 @@ class PointRun {
   }
 
  private:
+  void remove_unfinished_work() const {
+    std::error_code ignored;
+    std::vector<fs::path> files;
+    for (const auto& entry : fs::directory_iterator(options_.folder / "points", ignored)) {
+      if (entry.path().extension() == kUnfinished) files.push_back(entry.path());
+    }
+    for (const fs::path& file : files) fs::remove(file, ignored);
+  }
+
   bool keep_going() const { return !options_.progress || options_.progress(progress_); }
 
   Config config_of(int point) {
@@ -186,15 +213,16 @@ class PointRun {
   // True when there is a result of an earlier run. Else none is left that could pass for that of this one.
   bool take(int point, const std::string& key) {
     const PointFiles files(options_.folder, point);
+    std::error_code ignored;
     if (options_.resume) {
       if (std::optional<PointResult> result = take_point(files, key)) {
+        fs::remove(files.unfinished, ignored);  // of a process that was killed between result and end
         keep(std::move(*result), options_.figures, points_[static_cast<std::size_t>(point)]);
         ++progress_.taken;
         ++progress_.done;
         return true;
       }
     }
-    std::error_code ignored;
     fs::remove(files.checkpoint, ignored);
     return false;
   }
@@ -211,11 +239,13 @@ class PointRun {
       if (take(i, key)) continue;
       Point& point = points_[static_cast<std::size_t>(i)];
       try {
-        keep(execute_point(plan_, at, PointFiles(options_.folder, i), key), options_.figures, point);
+        keep(execute_point(plan_, at, PointFiles(options_.folder, i), key, options_.resume), options_.figures, point);
       } catch (const Error& error) {
         fail(ProcessOutcome::failed, error.exit_code(), error.what(), point);
       } catch (const std::bad_alloc&) {
         fail(ProcessOutcome::out_of_memory, ExitCode::solver, "an allocation failed", point);
+      } catch (const std::exception& error) {
+        fail(ProcessOutcome::failed, ExitCode::data, error.what(), point);  // as a process of its own
       }
       count(point);
     }
@@ -231,7 +261,8 @@ class PointRun {
       const Json request = {{"config", config},
                             {"folder", options_.folder.string()},
                             {"point", left[number]},
-                            {"key", keys_(config_of(left[number]))}};
+                            {"key", keys_(config_of(left[number]))},
+                            {"resume", options_.resume}};
       return ProcessJob{options_.point_command, to_text(request, -1)};
     };
     const auto finished = [&](std::size_t number, const ProcessResult& end) {
@@ -295,7 +326,8 @@ void run_point_request(const std::string& request, const Registry<PipelineEntry>
     if (point < 0 || point >= plan.point_count()) throw UsageError(fmt::format("there is no point {}", point));
     Row ignored;
     execute_point(plan, point_config(config, plan, point, ignored),
-                  PointFiles(json.at("folder").get<std::string>(), point), json.at("key").get<std::string>());
+                  PointFiles(json.at("folder").get<std::string>(), point), json.at("key").get<std::string>(),
+                  json.at("resume").get<bool>());
   } catch (const Json::exception& error) {
     throw UsageError(fmt::format("no request of a run: {}", error.what()));
   }

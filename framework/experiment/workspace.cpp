@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <fmt/format.h>
+
+#include <fstream>
+#include <iterator>
+#include <system_error>
+
+#include "framework/domain/mesh_io.h"
+#include "framework/experiment/fingerprint.h"
+#include "framework/experiment/pipeline.h"
+
+namespace variform {
+namespace {
+
+// Two lines say what follows: for which key, how long, and its fingerprint.
+std::string header(const std::string& key, std::string_view bytes) {
+  return fmt::format("variform unfinished point\n{} {:016x} {} {:016x}\n", key.size(), fingerprint(key), bytes.size(),
+                     fingerprint(bytes));
+}
+
+}  // namespace
+
+Workspace::Workspace(std::filesystem::path file, std::string key, bool resume)
+    : file_(std::move(file)), key_(std::move(key)), resume_(resume) {}
+
+void Workspace::save(const std::string& bytes) const {
+  if (!file_.empty()) write_file(file_, header(key_, bytes) + bytes);
+}
+
+std::optional<std::string> Workspace::load() const {
+  if (file_.empty() || !resume_) return std::nullopt;
+  std::ifstream stream(file_, std::ios::binary);
+  if (!stream) return std::nullopt;
+  std::string content((std::istreambuf_iterator<char>(stream)), std::istreambuf_iterator<char>());
+  std::size_t begin = content.find('\n');
+  if (begin != std::string::npos) begin = content.find('\n', begin + 1);
+  if (begin == std::string::npos) return std::nullopt;
+  ++begin;
+  if (std::string_view(content).substr(0, begin) != header(key_, std::string_view(content).substr(begin))) {
+    return std::nullopt;
+  }
+  content.erase(0, begin);
+  return content;
+}
+
+void Workspace::clear() const {
+  std::error_code ignored;
+  if (!file_.empty()) std::filesystem::remove(file_, ignored);
+}
+
+Workspace Workspace::part(const std::string& key) const { return {file_, key_ + "\n# part\n" + key, resume_}; }
+
+}  // namespace variform
