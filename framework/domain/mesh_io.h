@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "framework/domain/mesh.h"
@@ -50,6 +51,10 @@ void write_mesh(const std::filesystem::path& path, const Mesh& mesh, const std::
 /// back is the same to the last bit. Throws as write_mesh does, UsageError for sizes that do not fit, DataError for
 /// rows of uv that do not exist and coordinates that are not finite.
 void write_obj_uv(const std::filesystem::path& path, const Mesh& mesh, const Matrix& uv, const IndexMatrix& uv_cells);
+
+/// Writes a ParaView collection (.pvd): which file shows the state at which time. Files are named relative to the
+/// collection. Throws DataError when it cannot be written.
+void write_pvd(const std::filesystem::path& path, const std::vector<std::pair<double, std::string>>& files);
 
 /// Extensions that read_mesh and write_mesh know, with the dot.
 const std::vector<std::string>& mesh_extensions();

@@ -3,10 +3,12 @@
 
 #include <nlohmann/json.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <limits>
 
+#include "framework/domain/io/base64.h"
 #include "framework/experiment/json.h"
 
 namespace variform {
@@ -39,29 +41,22 @@ std::vector<double> numbers(const Json& json) {
   return values;
 }
 
+// The bytes of the numbers: meshes of many frames are large, and every digit counts.
 template <class M>
 Json dense(const M& matrix) {
-  Json values = Json::array();
-  for (Eigen::Index i = 0; i < matrix.size(); ++i) {
-    if constexpr (std::is_same_v<typename M::Scalar, double>)
-      values.push_back(number(matrix.data()[i]));
-    else
-      values.push_back(matrix.data()[i]);
-  }
-  return {{"rows", matrix.rows()}, {"columns", matrix.cols()}, {"values", values}};
+  const std::string_view bytes(reinterpret_cast<const char*>(matrix.data()),
+                               static_cast<std::size_t>(matrix.size()) * sizeof(typename M::Scalar));
+  return {{"rows", matrix.rows()}, {"columns", matrix.cols()}, {"bytes", io::base64_encode(bytes)}};
 }
 
 template <class M>
 M dense(const Json& json) {
   M matrix(json.at("rows").get<Index>(), json.at("columns").get<Index>());
-  const auto& values = json.at("values");
-  if (static_cast<Eigen::Index>(values.size()) != matrix.size()) throw Json::other_error::create(501, "size", nullptr);
-  for (Eigen::Index i = 0; i < matrix.size(); ++i) {
-    if constexpr (std::is_same_v<typename M::Scalar, double>)
-      matrix.data()[i] = number(values[static_cast<std::size_t>(i)]);
-    else
-      matrix.data()[i] = values[static_cast<std::size_t>(i)].template get<Index>();
-  }
+  const std::size_t size = static_cast<std::size_t>(matrix.size()) * sizeof(typename M::Scalar);
+  io::Base64Decoder decoder(json.at("bytes").get_ref<const std::string&>());
+  const std::optional<std::string> bytes = decoder.read(size);
+  if (!bytes || !decoder.at_end()) throw Json::other_error::create(501, "size", nullptr);
+  std::copy_n(bytes->data(), size, reinterpret_cast<char*>(matrix.data()));
   return matrix;
 }
 
@@ -105,7 +100,7 @@ Json figure_json(const MeshFigure& figure) {
           {"caption", figure.caption},
           {"positions", dense(figure.mesh.positions)},
           {"cells", dense(figure.mesh.cells)},
-          {"values", numbers(figure.cell_values)},
+          {"values", dense(figure.cell_values)},
           {"scale",
            {{"low", number(figure.scale.low)},
             {"high", number(figure.scale.high)},
@@ -127,8 +122,7 @@ MeshFigure figure_from(const Json& from) {
   figure.title = from.at("title").get<std::string>();
   figure.caption = from.at("caption").get<std::string>();
   figure.mesh = {dense<Matrix>(from.at("positions")), dense<IndexMatrix>(from.at("cells"))};
-  const std::vector<double> values = numbers(from.at("values"));
-  figure.cell_values = Eigen::Map<const Vector>(values.data(), static_cast<Eigen::Index>(values.size()));
+  figure.cell_values = dense<Vector>(from.at("values"));
   const Json& scale = from.at("scale");
   figure.scale = {.low = number(scale.at("low")),
                   .high = number(scale.at("high")),
@@ -143,6 +137,51 @@ MeshFigure figure_from(const Json& from) {
   figure.flipped_cells = from.at("flipped").get<std::vector<Index>>();
   figure.edges = from.at("edges").get<bool>();
   return figure;
+}
+
+Json curves_json(const std::vector<Curve>& curves) {
+  Json json = Json::array();
+  for (const Curve& curve : curves) {
+    json.push_back({{"label", curve.label}, {"x", numbers(curve.x)}, {"y", numbers(curve.y)}});
+  }
+  return json;
+}
+
+std::vector<Curve> curves_from(const Json& from) {
+  std::vector<Curve> curves;
+  for (const Json& curve : from) {
+    curves.push_back({curve.at("label").get<std::string>(), numbers(curve.at("x")), numbers(curve.at("y"))});
+  }
+  return curves;
+}
+
+// Of a frame only what differs from the first one: cells are the same in all of them.
+Json trajectory_json(const Trajectory& trajectory) {
+  Json frames = Json::array();
+  Json first;
+  for (const Trajectory::Frame& frame : trajectory.frames) {
+    Json figure = figure_json(frame.figure);
+    if (frames.empty()) {
+      first = figure;
+    } else {
+      for (const auto& [key, value] : first.items()) {
+        if (figure.at(key) == value) figure.erase(key);
+      }
+    }
+    frames.push_back({{"time", number(frame.time)}, {"figure", std::move(figure)}});
+  }
+  return {{"frames", std::move(frames)}, {"curves", curves_json(trajectory.curves)}};
+}
+
+Trajectory trajectory_from(const Json& from) {
+  Trajectory trajectory;
+  for (const Json& frame : from.at("frames")) {
+    Json figure = from.at("frames").at(0).at("figure");
+    figure.update(frame.at("figure"));
+    trajectory.frames.push_back({.time = number(frame.at("time")), .figure = figure_from(figure)});
+  }
+  trajectory.curves = curves_from(from.at("curves"));
+  return trajectory;
 }
 
 Json trials_json(const Trials& trials) {
@@ -183,10 +222,8 @@ void save_point(const std::filesystem::path& file, const std::string& config_tex
   json["metrics"] = row_json(result.metrics);
   json["figures"] = Json::array();
   for (const MeshFigure& figure : result.figures) json["figures"].push_back(figure_json(figure));
-  json["history"] = Json::array();
-  for (const Curve& curve : result.history) {
-    json["history"].push_back({{"label", curve.label}, {"x", numbers(curve.x)}, {"y", numbers(curve.y)}});
-  }
+  json["history"] = curves_json(result.history);
+  json["trajectory"] = trajectory_json(result.trajectory);
   json["trials"] = Json::array();
   for (const Trials& trials : result.trials) json["trials"].push_back(trials_json(trials));
   json["probes"] = dense(result.probes);
@@ -211,9 +248,8 @@ std::optional<PointResult> load_point(const std::filesystem::path& file, const s
     result.metrics = row_from(json.at("metrics"));
     for (const Json& figure : json.at("figures")) result.figures.push_back(figure_from(figure));
     for (const Json& trials : json.at("trials")) result.trials.push_back(trials_from(trials));
-    for (const Json& curve : json.at("history")) {
-      result.history.push_back({curve.at("label").get<std::string>(), numbers(curve.at("x")), numbers(curve.at("y"))});
-    }
+    result.history = curves_from(json.at("history"));
+    result.trajectory = trajectory_from(json.at("trajectory"));
     result.probes = dense<Matrix>(json.at("probes"));
     result.probe_scale = json.at("probe_scale").get<double>();
     if (json.contains("trace")) {

@@ -41,9 +41,9 @@ LinePlot line_plot(const PlotRequest& request, const std::vector<Row>& rows) {
 }
 
 // What a reader needs to know of the marks that occur in a picture.
-std::string legend(const std::vector<MeshFigure>& panels) {
+std::string legend(const std::vector<const MeshFigure*>& panels) {
   const auto any = [&panels](auto member) {
-    return std::any_of(panels.begin(), panels.end(), [member](const MeshFigure& f) { return !(f.*member).empty(); });
+    return std::any_of(panels.begin(), panels.end(), [member](const MeshFigure* f) { return !(f->*member).empty(); });
   };
   std::vector<std::string> parts;
   if (any(&MeshFigure::fixed_vertices)) parts.emplace_back("squares: fixed vertices");
@@ -88,13 +88,64 @@ void draw_figure(const Plan& plan, const std::string& name, std::vector<Point>& 
     caption = panels.front().uv.size() > 0 ? fmt::format("Figure '{}': image of a checkerboard.", name)
                                            : fmt::format("Figure '{}'; cells are coloured by: {}.", name, scale.label);
   }
-  record.figures.push_back({caption + legend(panels), "figures/" + name});
+  std::vector<const MeshFigure*> shown;
+  for (const MeshFigure& panel : panels) shown.push_back(&panel);
+  record.figures.push_back({caption + legend(shown), "figures/" + name});
   const double check_size = common_check_size(panels);
   for (MeshFigure& panel : panels) {
     if (!panel.is_spatial()) continue;
     if (panel.check_size == 0.0) panel.check_size = check_size;
     record.spatial.push_back(std::move(panel));
   }
+}
+
+// A picture of every frame of the trajectories whose figures have a name, on one scale.
+void draw_animation(const Plan& plan, const std::string& name, std::vector<Point>& points, const fs::path& folder,
+                    Record& record) {
+  std::vector<Vector> values;
+  std::vector<const MeshFigure*> all;
+  const auto has_it = [&name](const Trajectory& trajectory) {
+    if (trajectory.frames.empty()) return false;
+    const MeshFigure& figure = trajectory.frames.front().figure;
+    return figure.name == name && figure.mesh.cell_count() > 0;
+  };
+  for (const Point& point : points) {
+    if (!has_it(point.result.trajectory)) continue;
+    for (const Trajectory::Frame& frame : point.result.trajectory.frames) {
+      all.push_back(&frame.figure);
+      if (frame.figure.uv.size() == 0) values.push_back(frame.figure.cell_values);
+    }
+  }
+  if (all.empty()) return;
+  const std::string given = all.front()->scale.label;
+  const ColourScale scale = common_scale(values, plan.logarithmic, given.empty() ? "cell energy" : given);
+  Animation animation{.caption = all.front()->caption};
+  if (animation.caption.empty()) animation.caption = fmt::format("Figure '{}' in time.", name);
+  animation.caption += legend(all);
+  std::error_code failed;
+  fs::remove_all(folder / "figures" / name, failed);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (!has_it(points[i].result.trajectory)) continue;
+    // Rows and points that were interrupted have other numbers: the series has the point's own.
+    const std::string series = to_text(*points[i].result.metrics.find("series"));
+    const std::string place = fmt::format("figures/{}/{}", name, fs::path(series).stem().string());
+    fs::create_directories(folder / place, failed);
+    if (failed) throw DataError(fmt::format("{}: cannot be created: {}", (folder / place).string(), failed.message()));
+    Animation::Point shown{.title = group_text(record.rows[i], plan.swept_keys(), kTitleDigits)};
+    std::vector<MeshFigure> figures;
+    std::vector<fs::path> files;
+    for (Trajectory::Frame& frame : points[i].result.trajectory.frames) {
+      shown.times.push_back(frame.time);
+      shown.files.push_back(fmt::format("{}/frame-{:04}.png", place, files.size()));
+      files.push_back(folder / shown.files.back());
+      figures.push_back(std::move(frame.figure));
+      figures.back().title.clear();  // of changing length, it would move the picture
+      figures.back().scale = scale;
+    }
+    draw_frames(figures, files, plan.camera);
+    animation.points.push_back(std::move(shown));
+  }
+  record.animations.push_back(std::move(animation));
 }
 
 // Steps over two decades and more are seen on a logarithmic axis only. Values that are not positive have no place
@@ -111,6 +162,34 @@ bool is_logarithmic(const std::vector<Curve>& curves, std::vector<double> Curve:
     }
   }
   return high >= 100.0 * low;
+}
+
+// File names have no other characters.
+std::string as_file_name(std::string text) {
+  for (char& c : text) {
+    if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '-';
+  }
+  return text;
+}
+
+// One plot for each value over time, a curve for each point.
+void draw_curves(const Plan& plan, const std::vector<Point>& points, const fs::path& folder, Record& record) {
+  std::vector<LinePlot> plots;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    for (const Curve& curve : points[i].result.trajectory.curves) {
+      auto plot = std::find_if(plots.begin(), plots.end(), [&](const LinePlot& p) { return p.y_label == curve.label; });
+      if (plot == plots.end()) {
+        plot =
+            plots.insert(plots.end(), {.title = curve.label + " over time", .x_label = "time", .y_label = curve.label});
+      }
+      const std::string group = group_text(record.rows[i], plan.swept_keys(), kTitleDigits);
+      plot->curves.push_back({group.empty() ? curve.label : group, curve.x, curve.y});
+    }
+  }
+  for (std::size_t i = 0; i < plots.size(); ++i) {
+    plots[i].log_y = is_logarithmic(plots[i].curves, &Curve::y, false);
+    add_plot(plots[i], fmt::format("curve-{}-{}", i + 1, as_file_name(plots[i].y_label)), folder, record);
+  }
 }
 
 void draw_searches(const fs::path& folder, Record& record) {
@@ -178,8 +257,11 @@ void draw_figures(const Plan& plan, std::vector<Point>& points, const fs::path& 
   };
   const std::vector<std::string> swept = plan.swept_keys();
   for (const std::string& name : plan.pipeline->figures) {
-    if (wanted(name)) draw_figure(plan, name, points, folder, record);
+    if (!wanted(name)) continue;
+    draw_figure(plan, name, points, folder, record);
+    draw_animation(plan, name, points, folder, record);
   }
+  if (wanted("curves")) draw_curves(plan, points, folder, record);
   if (wanted("history")) {
     LinePlot plot{"Convergence", "iteration", "E (regularized energy); relative step", false, true, {}};
     for (std::size_t i = 0; i < points.size(); ++i) {

@@ -23,7 +23,7 @@
 namespace variform {
 namespace {
 
-// All lengths are in pixels of the SVG; the PNG has kPngScale times as many.
+// All lengths are in pixels of the SVG; the PNG has `resolution` times as many.
 constexpr double kPngScale = 2.0;
 constexpr double kMargin = 16.0;
 constexpr double kGap = 24.0;
@@ -31,6 +31,8 @@ constexpr double kMaxContentWidth = 960.0;
 constexpr double kMaxContentHeight = 4000.0;
 constexpr double kMaxPanelWidth = 640.0;
 constexpr double kMaxPanelHeight = 480.0;
+constexpr double kMaxFrameWidth = 640.0;  // of the whole picture
+constexpr double kMaxFrameHeight = 480.0;
 constexpr double kMinColumnWidth = 140.0;  // titles need room
 constexpr double kTitleSize = 13.0;
 constexpr double kTitleLine = 17.0;
@@ -175,6 +177,7 @@ class Canvas {
 
 struct Panel {
   const MeshFigure* figure;
+  double resolution = kPngScale;
   std::optional<View> view = {};        ///< for what is rasterized
   Surface surface = {};                 ///< the triangles that are drawn
   std::vector<Eigen::Vector3d> seen;    ///< vertices in the view, in units of the mesh; x and y of planar meshes
@@ -227,32 +230,42 @@ Eigen::AlignedBox3d extent_of(const Mesh& mesh) {
 /// The eye of perspective views is this many radii of the largest object away from it.
 constexpr double kEyeDistance = 5.0;
 
+// box: what the view is centred on; radius: of the largest object.
+Panel panel_of(const MeshFigure& figure, const Camera& camera, const Eigen::AlignedBox3d& box, double radius) {
+  Panel panel{.figure = &figure, .seen = {}};
+  const Mesh& mesh = figure.mesh;
+  if (figure.is_spatial()) {
+    panel.view.emplace(camera, box.center(), kEyeDistance * radius);
+  } else if (figure.uv.size() > 0) {
+    panel.view.emplace(Camera{.direction = {0, 0, 1}, .up = {0, 1, 0}}, box.center(), 1.0);
+  }
+  for (Index v = 0; v < mesh.vertex_count(); ++v) {
+    const Eigen::Vector3d position = position_of(mesh, v);
+    panel.seen.push_back(panel.view ? (*panel.view)(position) : position);
+    if (panel.seen.back().allFinite()) panel.bounds.extend(Point(panel.seen.back().head<2>()));
+  }
+  if (panel.bounds.isEmpty()) panel.bounds.extend(Point::Zero());
+  return panel;
+}
+
+// The part of what is seen that a figure in space is cut to.
+Box zoomed(const Box& bounds, const MeshFigure& figure, const Camera& camera) {
+  if (!figure.is_spatial()) return bounds;
+  const Point centre = bounds.center();
+  const Point half = bounds.sizes() / (2.0 * camera.zoom);
+  return {Point(centre - half), Point(centre + half)};
+}
+
+double radius_of(const Eigen::AlignedBox3d& box) { return std::max(kMinExtent, 0.5 * box.diagonal().norm()); }
+
 std::vector<Panel> panels_of(const std::vector<MeshFigure>& figures, const Camera& camera) {
   double radius = kMinExtent;
-  for (const MeshFigure& figure : figures) radius = std::max(radius, 0.5 * extent_of(figure.mesh).diagonal().norm());
+  for (const MeshFigure& figure : figures) radius = std::max(radius, radius_of(extent_of(figure.mesh)));
   std::vector<Panel> panels;
   for (const MeshFigure& figure : figures) {
-    Panel panel{.figure = &figure, .seen = {}};
-    const Mesh& mesh = figure.mesh;
-    const Eigen::AlignedBox3d box = extent_of(mesh);
-    if (figure.is_spatial()) {
-      panel.view.emplace(camera, box.center(), kEyeDistance * radius);
-    } else if (figure.uv.size() > 0) {
-      panel.view.emplace(Camera{.direction = {0, 0, 1}, .up = {0, 1, 0}}, box.center(), 1.0);
-    }
-    panel.surface = surface_of(mesh);
-    for (Index v = 0; v < mesh.vertex_count(); ++v) {
-      const Eigen::Vector3d position = position_of(mesh, v);
-      panel.seen.push_back(panel.view ? (*panel.view)(position) : position);
-      if (panel.seen.back().allFinite()) panel.bounds.extend(Point(panel.seen.back().head<2>()));
-    }
-    if (panel.bounds.isEmpty()) panel.bounds.extend(Point::Zero());
-    if (figure.is_spatial()) {
-      const Point centre = panel.bounds.center();
-      const Point half = panel.bounds.sizes() / (2.0 * camera.zoom);
-      panel.bounds = Box(Point(centre - half), Point(centre + half));
-    }
-    panels.push_back(std::move(panel));
+    panels.push_back(panel_of(figure, camera, extent_of(figure.mesh), radius));
+    panels.back().bounds = zoomed(panels.back().bounds, figure, camera);
+    panels.back().surface = surface_of(figure.mesh);
   }
   return panels;
 }
@@ -319,9 +332,9 @@ std::size_t best_columns(const std::vector<Point>& sizes) {
 }
 
 /// Pixels per unit of the mesh.
-double length_scale(const std::vector<Point>& sizes, const Grid& grid) {
+double length_scale(const std::vector<Point>& sizes, const Grid& grid, const Point& most) {
   double scale = std::min(kMaxContentWidth / grid.width(), kMaxContentHeight / grid.height());
-  for (const Point& size : sizes) scale = std::min({scale, kMaxPanelWidth / size.x(), kMaxPanelHeight / size.y()});
+  for (const Point& size : sizes) scale = std::min({scale, most.x() / size.x(), most.y() / size.y()});
   return scale;
 }
 
@@ -332,15 +345,24 @@ ColourBar bar_of(Canvas& canvas, const ColourScale& scale) {
   return bar;
 }
 
-Layout layout_of(Canvas& canvas, const std::vector<MeshFigure>& figures, int columns_wanted, const Camera& camera) {
+/// With the gap before it.
+double bar_width(const ColourBar& bar) {
+  return kBarGap + kBarWidth + 2 * kTickLength + bar.tick_width +
+         (bar.scale.label.empty() ? 0.0 : kLabelGap + kLabelSize);
+}
+
+bool has_colours(const MeshFigure& figure) { return figure.cell_values.size() > 0 && figure.uv.size() == 0; }
+
+/// most: width and height of a panel.
+Layout layout_of(Canvas& canvas, std::vector<Panel> panels, int columns_wanted, const Point& most) {
   Layout layout;
-  layout.panels = panels_of(figures, camera);
+  layout.panels = std::move(panels);
   std::vector<Point> sizes;
   // Meshes without extent are points in a panel of some size.
   for (const Panel& panel : layout.panels) sizes.emplace_back(panel.bounds.sizes().cwiseMax(kMinExtent));
   const std::size_t columns =
-      columns_wanted > 0 ? std::min(static_cast<std::size_t>(columns_wanted), figures.size()) : best_columns(sizes);
-  const double scale = length_scale(sizes, Grid(sizes, columns));
+      columns_wanted > 0 ? std::min(static_cast<std::size_t>(columns_wanted), sizes.size()) : best_columns(sizes);
+  const double scale = length_scale(sizes, Grid(sizes, columns), most);
   layout.scale = scale;
   for (Point& size : sizes) size *= scale;
   Grid grid(sizes, columns);
@@ -349,9 +371,9 @@ Layout layout_of(Canvas& canvas, const std::vector<MeshFigure>& figures, int col
   canvas.set_font(kTitleSize, true);
   std::vector<double> title_heights(grid.heights.size(), 0.0);
   for (double& width : grid.widths) width = std::max(width, kMinColumnWidth);
-  for (std::size_t i = 0; i < figures.size(); ++i) {
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
     Panel& panel = layout.panels[i];
-    panel.title = wrapped(canvas, figures[i].title, grid.widths[i % columns]);
+    panel.title = wrapped(canvas, panel.figure->title, grid.widths[i % columns]);
     for (const std::string& line : panel.title) {
       grid.widths[i % columns] = std::max(grid.widths[i % columns], canvas.text_width(line));
     }
@@ -377,11 +399,10 @@ Layout layout_of(Canvas& canvas, const std::vector<MeshFigure>& figures, int col
   layout.width = kMargin + grid.width() + kGap * static_cast<double>(grid.widths.size() - 1) + kMargin;
   layout.height = corner.y() + title_heights.back() + grid.heights.back() + kMargin;
 
-  const auto coloured = std::find_if(figures.begin(), figures.end(), [](const MeshFigure& figure) {
-    return figure.cell_values.size() > 0 && figure.uv.size() == 0;
-  });
-  if (coloured == figures.end()) return layout;
-  ColourBar bar = bar_of(canvas, coloured->scale);
+  const auto coloured = std::find_if(layout.panels.begin(), layout.panels.end(),
+                                     [](const Panel& panel) { return has_colours(*panel.figure); });
+  if (coloured == layout.panels.end()) return layout;
+  ColourBar bar = bar_of(canvas, coloured->figure->scale);
   canvas.set_font(kLabelSize);
   const double label_length = canvas.text_width(bar.scale.label);
   const double content_height = layout.height - 2 * kMargin;
@@ -390,8 +411,7 @@ Layout layout_of(Canvas& canvas, const std::vector<MeshFigure>& figures, int col
   layout.height = std::max({layout.height, label_length + 2 * kMargin, bar.height + kTickSize + 2 * kMargin});
   bar.x = layout.width - kMargin + kBarGap;
   bar.y = (layout.height - bar.height) / 2;
-  layout.width = bar.x + kBarWidth + 2 * kTickLength + bar.tick_width + kMargin;
-  if (!bar.scale.label.empty()) layout.width += kLabelGap + kLabelSize;
+  layout.width += bar_width(bar);
 
   const double shift = (layout.height - 2 * kMargin - content_height) / 2;
   for (Panel& panel : layout.panels) {
@@ -503,7 +523,8 @@ Rgb as_rgb(const Colour& colour) { return Eigen::Vector3d(colour.red, colour.gre
 Eigen::Vector3d image_point(const Panel& panel, double length_scale, Index vertex) {
   const auto v = static_cast<std::size_t>(vertex);
   Eigen::Vector3d point;
-  point << kPngScale * (panel.points[v] - panel.image_corner), kPngScale * length_scale * panel.seen[v].z();
+  point << panel.resolution * (panel.points[v] - panel.image_corner),
+      panel.resolution * length_scale * panel.seen[v].z();
   return point;
 }
 
@@ -511,8 +532,8 @@ void rasterize(Panel& panel, double length_scale, const ColourScale* scale, doub
   const MeshFigure& figure = *panel.figure;
   const Point half = 0.5 * length_scale * panel.bounds.sizes() + Point::Constant(kImageMargin);
   // Whole pixels of the PNG, so that it shows the image as it is.
-  panel.image_corner = ((panel.middle - half) * kPngScale).array().floor() / kPngScale;
-  const Point size = (panel.middle + half - panel.image_corner) * kPngScale;
+  panel.image_corner = ((panel.middle - half) * panel.resolution).array().floor() / panel.resolution;
+  const Point size = (panel.middle + half - panel.image_corner) * panel.resolution;
   panel.image_width = static_cast<int>(std::ceil(size.x()));
   Raster raster(panel.image_width, static_cast<int>(std::ceil(size.y())));
 
@@ -542,16 +563,26 @@ void rasterize(Panel& panel, double length_scale, const ColourScale* scale, doub
     if (is_flipped[static_cast<std::size_t>(c)]) {
       triangle.edge_colour = as_rgb(kFlipped);
       triangle.edge_opacity = 1.0f;
-      triangle.edge_width = kPngScale * flipped_width(cell);
+      triangle.edge_width = panel.resolution * flipped_width(cell);
     } else if (has_edges) {
       triangle.edge_opacity = static_cast<float>(kEdgeOpacity);
-      triangle.edge_width = 0.5 * kPngScale * edge_width(cell);
+      triangle.edge_width = 0.5 * panel.resolution * edge_width(cell);
     }
     raster.draw(triangle);
   }
   panel.pixels = raster.pixels();
   for (Index v = 0; v < figure.mesh.vertex_count(); ++v) {
-    panel.is_hidden.push_back(raster.is_visible(image_point(panel, length_scale, v), 0.5 * kPngScale) ? 0 : 1);
+    panel.is_hidden.push_back(raster.is_visible(image_point(panel, length_scale, v), 0.5 * panel.resolution) ? 0 : 1);
+  }
+}
+
+/// Places everything and draws what a z-buffer draws. check_size: of figures that leave it open.
+void paint(Layout& layout, double check_size) {
+  place(layout);
+  for (Panel& panel : layout.panels) {
+    if (!panel.view) continue;
+    rasterize(panel, layout.scale, layout.bar ? &layout.bar->scale : nullptr,
+              panel.figure->check_size > 0.0 ? panel.figure->check_size : check_size);
   }
 }
 
@@ -563,7 +594,7 @@ void draw_image(Canvas& canvas, const Panel& panel) {
                                                           4 * panel.image_width));
   cairo_save(canvas.get());
   cairo_translate(canvas.get(), panel.image_corner.x(), panel.image_corner.y());
-  cairo_scale(canvas.get(), 1.0 / kPngScale, 1.0 / kPngScale);
+  cairo_scale(canvas.get(), 1.0 / panel.resolution, 1.0 / panel.resolution);
   cairo_set_source_surface(canvas.get(), image.get(), 0.0, 0.0);
   cairo_pattern_set_filter(cairo_get_source(canvas.get()), CAIRO_FILTER_GOOD);
   cairo_paint(canvas.get());
@@ -611,8 +642,8 @@ void draw_panel(Canvas& canvas, const Panel& panel, const ColourScale* scale) {
   if (panel.view) {
     draw_image(canvas, panel);
     cairo_save(canvas.get());
-    cairo_rectangle(canvas.get(), panel.image_corner.x(), panel.image_corner.y(), panel.image_width / kPngScale,
-                    static_cast<double>(panel.pixels.size()) / panel.image_width / kPngScale);
+    cairo_rectangle(canvas.get(), panel.image_corner.x(), panel.image_corner.y(), panel.image_width / panel.resolution,
+                    static_cast<double>(panel.pixels.size()) / panel.image_width / panel.resolution);
     cairo_clip(canvas.get());
   } else {
     draw_cells(canvas, panel, scale);
@@ -706,12 +737,12 @@ void write_svg(const Layout& layout, const std::filesystem::path& path) {
   write_file(path, content);
 }
 
-void write_png(const Layout& layout, const std::filesystem::path& path) {
+void write_png(const Layout& layout, double resolution, const std::filesystem::path& path) {
   const Picture surface(cairo_image_surface_create(CAIRO_FORMAT_RGB24,
-                                                   static_cast<int>(std::ceil(layout.width) * kPngScale),
-                                                   static_cast<int>(std::ceil(layout.height) * kPngScale)));
+                                                   static_cast<int>(std::ceil(layout.width) * resolution),
+                                                   static_cast<int>(std::ceil(layout.height) * resolution)));
   Canvas canvas(surface.get());
-  cairo_scale(canvas.get(), kPngScale, kPngScale);
+  cairo_scale(canvas.get(), resolution, resolution);
   draw(canvas, layout);
   require_success(canvas.status(), path);
   std::string content;
@@ -810,16 +841,41 @@ void draw_meshes(const std::vector<MeshFigure>& figures, const std::filesystem::
   // Titles are measured before there is a picture of known size.
   const Picture scratch(cairo_image_surface_create(CAIRO_FORMAT_RGB24, 1, 1));
   Canvas meter(scratch.get());
-  Layout layout = layout_of(meter, figures, columns, camera);
-  place(layout);
-  const double check_size = common_check_size(figures);
-  for (Panel& panel : layout.panels) {
-    if (!panel.view) continue;
-    rasterize(panel, layout.scale, layout.bar ? &layout.bar->scale : nullptr,
-              panel.figure->check_size > 0.0 ? panel.figure->check_size : check_size);
-  }
+  Layout layout = layout_of(meter, panels_of(figures, camera), columns, {kMaxPanelWidth, kMaxPanelHeight});
+  paint(layout, common_check_size(figures));
   write_svg(layout, with_extension(path, ".svg"));
-  write_png(layout, with_extension(path, ".png"));
+  write_png(layout, kPngScale, with_extension(path, ".png"));
+}
+
+void draw_frames(const std::vector<MeshFigure>& frames, const std::vector<std::filesystem::path>& files,
+                 const Camera& camera) {
+  if (frames.size() != files.size()) {
+    throw UsageError(fmt::format("{} frames for {} files", frames.size(), files.size()));
+  }
+  Eigen::AlignedBox3d box;
+  for (const MeshFigure& frame : frames) {
+    check(frame);
+    box.extend(extent_of(frame.mesh));
+  }
+  const double radius = radius_of(box);
+  Box bounds;
+  for (const MeshFigure& frame : frames) bounds.extend(panel_of(frame, camera, box, radius).bounds);
+
+  const Picture scratch(cairo_image_surface_create(CAIRO_FORMAT_RGB24, 1, 1));
+  Canvas meter(scratch.get());
+  const double check_size = common_check_size(frames);
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    Panel panel = panel_of(frames[i], camera, box, radius);
+    panel.bounds = zoomed(bounds, frames[i], camera);
+    panel.surface = surface_of(frames[i].mesh);
+    panel.resolution = 1.0;
+    // The colour bar takes its share of the width.
+    double width = kMaxFrameWidth - 2 * kMargin;
+    if (has_colours(frames[i])) width -= bar_width(bar_of(meter, frames[i].scale));
+    Layout layout = layout_of(meter, {std::move(panel)}, 1, {width, kMaxFrameHeight});
+    paint(layout, check_size);
+    write_png(layout, 1.0, files[i]);
+  }
 }
 
 std::string colour_of(double value) {

@@ -55,6 +55,12 @@ struct MeshFigure {
 void draw_meshes(const std::vector<MeshFigure>& figures, const std::filesystem::path& path, int columns = 0,
                  const Camera& camera = {});
 
+/// Draws the states of one moving mesh, frames[i] into files[i] (.png), so that they can be played: the view, the
+/// length scale and the place in the picture are those of the box around all of them, and pictures are at most 640
+/// pixels wide. Colours are on the scale of each figure, so give all the same. Throws as draw_meshes does.
+void draw_frames(const std::vector<MeshFigure>& frames, const std::vector<std::filesystem::path>& files,
+                 const Camera& camera = {});
+
 /// One curve of a line plot. NaN breaks the curve.
 struct Curve {
   std::string label = {};

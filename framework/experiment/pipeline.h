@@ -39,7 +39,9 @@ struct Trajectory {
     double time = 0.0;
     Mesh mesh = {};  ///< vertex order of the input; the same cells in all frames
     std::vector<MeshField> fields = {};
-    MeshFigure figure = {};  ///< titles and ranges of scales are left to the runner
+    /// Of the name that all frames have, one that the pipeline declares. Titles and ranges of scales are left to the
+    /// runner; no cells: nothing is drawn.
+    MeshFigure figure = {};
   };
   std::vector<Frame> frames = {};
   std::vector<Curve> curves = {};  ///< values over time (x), by name of the value: one plot for each name

@@ -82,7 +82,7 @@ void check_keys(const ConfigNode& root, const Plan& plan) {
   for (const Metric& metric : plan.pipeline->metrics) metrics.push_back(metric.column.key);
   known.add(fmt::format("metrics of '{}'", plan.pipeline->name), metrics);
   KnownKeys of_pipeline = known;
-  std::vector<std::string> own = {"status", "reason", "mesh"};
+  std::vector<std::string> own = {"status", "reason", "mesh", "series"};
   if (plan.backends) {
     for (const Metric& metric : comparison_metrics()) own.push_back(metric.column.key);
   }
@@ -229,7 +229,10 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
       plan.plots.push_back(plot);
     }
   }
-  if (!plan.backends) plan.figures = plan.pipeline->figures;
+  if (!plan.backends) {
+    plan.figures = plan.pipeline->figures;
+    plan.figures.emplace_back("curves");
+  }
   if (root.has("output")) {
     const ConfigNode node = root.at("output");
     node.accept_keys(config_section("[output]").names());
@@ -240,7 +243,7 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
     if (node.has("figures")) {
       plan.figures = node.at("figures").strings();
       std::vector<std::string> names = plan.pipeline->figures;
-      names.emplace_back("history");
+      names.insert(names.end(), {"history", "curves"});
       for (const ConfigNode& figure : node.at("figures").elements()) {
         if (std::find(names.begin(), names.end(), figure.string()) == names.end()) {
           figure.fail(fmt::format("pipeline '{}' has no figure \"{}\"; expected \"{}\"", plan.pipeline->name,
@@ -258,6 +261,7 @@ Plan read_plan(const Config& config, const Registry<PipelineEntry>& pipelines) {
       return static_cast<int>(value);
     };
     plan.max_panels = count("max_panels", plan.max_panels);
+    plan.max_frames = count("max_frames", plan.max_frames);
     plan.panel_columns = count("panel_columns", plan.panel_columns);
     const std::string colour = node.string_or("colour", "logarithmic");
     if (colour != "logarithmic" && colour != "linear") node.at("colour").fail("expected \"logarithmic\" or \"linear\"");

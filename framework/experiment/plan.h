@@ -40,6 +40,7 @@ struct Plan {
   std::vector<std::string> columns;
   std::vector<std::pair<std::string, std::string>> rates;  ///< metric, size
   int max_panels = 24;
+  int max_frames = 60;  ///< of an animation in the report, for each point
   int panel_columns = 0;
   bool logarithmic = true;
   Camera camera;

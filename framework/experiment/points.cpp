@@ -62,13 +62,18 @@ struct PointFiles {
         name(fmt::format("point-{:04}", point)),
         checkpoint(folder / "points" / (name + ".json")),
         unfinished(folder / "points" / (name + kUnfinished)),
-        fields("meshes/" + name + ".vtu") {}
+        fields("meshes/" + name + ".vtu"),
+        series("meshes/" + name + ".pvd") {}
+
+  // Of a frame of the series, relative to meshes/.
+  std::string frame(std::size_t number) const { return fmt::format("{}/frame-{:04}.vtu", name, number); }
 
   fs::path folder;
   std::string name;
   fs::path checkpoint;
   fs::path unfinished;
-  std::string fields;  // relative to the folder
+  std::string fields;  // this and the next one relative to the folder
+  std::string series;
 };
 
 // What a finished point depends on: its config, the bisection, the content of its input files, the program.
@@ -110,15 +115,41 @@ class CheckpointKeys {
   std::map<fs::path, std::string> contents_;
 };
 
+// Whether the files that a result names are there: meshes are not in the checkpoint.
+bool has_files(const PointFiles& files, const PointResult& result) {
+  const auto exists = [&](const std::string& file) { return fs::exists(files.folder / file); };
+  const Value* const mesh = result.metrics.find("mesh");
+  if (mesh != nullptr && !(exists(to_text(*mesh)) && exists(files.fields))) return false;
+  const std::size_t frames = result.trajectory.frames.size();
+  if (frames > 0 && !exists(files.series)) return false;
+  for (std::size_t i = 0; i < frames; ++i) {
+    if (!exists("meshes/" + files.frame(i))) return false;
+  }
+  return true;
+}
+
 std::optional<PointResult> take_point(const PointFiles& files, const std::string& key) {
   std::optional<PointResult> result = load_point(files.checkpoint, key);
-  // Only the mesh itself is not in the checkpoint.
-  const Value* const written = result ? result->metrics.find("mesh") : nullptr;
-  if (written != nullptr &&
-      !(fs::exists(files.folder / to_text(*written)) && fs::exists(files.folder / files.fields))) {
-    result.reset();
-  }
+  if (result && !has_files(files, *result)) result.reset();
   return result;
+}
+
+// The collection comes last, so that it never names a frame that is not there.
+void write_series(const PointFiles& files, const Trajectory& trajectory) {
+  const fs::path frames = files.folder / "meshes" / files.name;
+  std::error_code failed;
+  fs::remove(files.folder / files.series, failed);
+  fs::remove_all(frames, failed);
+  if (trajectory.frames.empty()) return;
+  fs::create_directories(frames, failed);
+  if (failed) throw DataError(fmt::format("{}: cannot be created: {}", frames.string(), failed.message()));
+  std::vector<std::pair<double, std::string>> entries;
+  for (const Trajectory::Frame& frame : trajectory.frames) {
+    const std::string file = files.frame(entries.size());
+    write_mesh(files.folder / "meshes" / file, frame.mesh, frame.fields);
+    entries.emplace_back(frame.time, file);
+  }
+  write_pvd(files.folder / files.series, entries);
 }
 
 PointResult compute(const Plan& plan, const Config& at, const Workspace& workspace) {
@@ -149,6 +180,8 @@ PointResult execute_point(const Plan& plan, const Config& at, const PointFiles& 
     write_mesh(files.folder / files.fields, result.mesh, result.fields);
     result.metrics.set("mesh", mesh);
   }
+  write_series(files, result.trajectory);
+  if (!result.trajectory.frames.empty()) result.metrics.set("series", files.series);
   save_point(files.checkpoint, key, result);
   workspace.clear();
   return result;
@@ -160,7 +193,14 @@ void keep(PointResult&& result, bool figures, Point& point) {
   point.result = std::move(result);
   point.result.mesh = {};
   point.result.fields.clear();
-  if (!figures) point.result.figures.clear();
+  for (Trajectory::Frame& frame : point.result.trajectory.frames) {
+    frame.mesh = {};
+    frame.fields.clear();
+  }
+  if (!figures) {
+    point.result.figures.clear();
+    point.result.trajectory = {};
+  }
 }
 
 void fail(ProcessOutcome outcome, ExitCode code, const std::string& reason, Point& point) {

@@ -24,14 +24,21 @@ std::string to_string(Verdict::Outcome outcome) {
 
 std::string record_json(const Record& record) {
   using Json = nlohmann::ordered_json;
-  Json json = {{"title", record.title},    {"source", record.source},      {"pipeline", record.pipeline},
-               {"config", record.config},  {"provenance", Json::object()}, {"warnings", record.warnings},
-               {"rows", Json::array()},    {"figures", Json::array()},     {"claims", Json::array()},
-               {"searches", Json::array()}};
+  Json json = {{"title", record.title},   {"source", record.source},      {"pipeline", record.pipeline},
+               {"config", record.config}, {"provenance", Json::object()}, {"warnings", record.warnings},
+               {"rows", Json::array()},   {"figures", Json::array()},     {"animations", Json::array()},
+               {"claims", Json::array()}, {"searches", Json::array()}};
   for (const auto& [key, value] : record.provenance) json["provenance"][key] = value;
   for (const Row& row : record.rows) json["rows"].push_back(to_json(row));
   for (const FigureFile& figure : record.figures) {
     json["figures"].push_back({{"caption", figure.caption}, {"path", figure.path}});
+  }
+  for (const Animation& animation : record.animations) {
+    Json points = Json::array();
+    for (const Animation::Point& point : animation.points) {
+      points.push_back({{"title", point.title}, {"times", point.times}, {"files", point.files}});
+    }
+    json["animations"].push_back({{"caption", animation.caption}, {"points", points}});
   }
   for (const Verdict& verdict : record.verdicts) {
     json["claims"].push_back({{"text", verdict.text},

@@ -31,6 +31,17 @@ struct FigureFile {
   std::string path;  ///< without extension, relative to the run's folder
 };
 
+/// The frames of a figure of moving meshes, for the points of a run.
+struct Animation {
+  struct Point {
+    std::string title = {};  ///< swept values in words; empty without sweep
+    std::vector<double> times = {};
+    std::vector<std::string> files = {};  ///< of the frames: PNGs, relative to the run's folder
+  };
+  std::string caption = {};
+  std::vector<Point> points = {};
+};
+
 /// A search inside a point.
 struct RecordedSearch {
   std::string point = {};  ///< swept values of the point in words; empty without sweep
@@ -52,6 +63,8 @@ struct Record {
   std::vector<Column> columns = {};  ///< how known keys are shown; others get defaults
   std::vector<Table> tables = {};    ///< further tables for the report (convergence, pivots)
   std::vector<FigureFile> figures = {};
+  std::vector<Animation> animations = {};
+  int max_frames = 60;  ///< that the report shows of an animation's point
   std::vector<Verdict> verdicts = {};
   std::vector<RecordedSearch> searches = {};
   std::vector<MeshFigure> spatial = {};  ///< figures in space, for the interactive view of the report
@@ -59,7 +72,8 @@ struct Record {
 };
 
 /// record.json: object with title, source, pipeline, config, provenance (object), warnings, rows (flat objects),
-/// figures, claims, searches (each with its trials). Numbers are written with all digits; NaN and infinities as null.
+/// figures, animations (times and files of frames), claims, searches (each with its trials). Numbers are written with
+/// all digits; NaN and infinities as null.
 std::string record_json(const Record& record);
 
 /// The rows of a record.json; numbers that it has as null are missing. Throws DataError when there is none or it is
@@ -78,9 +92,13 @@ Table claims_table(const std::vector<Verdict>& verdicts);
 void write_record(const Record& record, const std::filesystem::path& folder,
                   const std::vector<std::string>& table_keys);
 
+/// Frames of an animation in a report, of all points together: some tens of MiB.
+inline constexpr int kReportFrames = 600;
+
 /// One page that opens from disk with no network: title, source, claims with verdicts, tables (sortable by a click on a
-/// header), an interactive view of the figures in space (see viewer.h), figures (PNGs inlined, linking to the SVG
-/// beside the report), warnings, config and provenance.
+/// header), an interactive view of the figures in space (see viewer.h), animations to be played (PNGs of evenly chosen
+/// frames inlined: up to max_frames for a point, and kReportFrames of all or 12 for each), figures (PNGs inlined,
+/// linking to the SVG beside the report), warnings, config and provenance.
 std::string report_html(const Record& record, const std::filesystem::path& folder,
                         const std::vector<std::string>& table_keys);
 

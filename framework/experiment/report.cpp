@@ -9,6 +9,7 @@
 #include "framework/domain/io/base64.h"
 #include "framework/domain/io/reader.h"
 #include "framework/experiment/escape.h"
+#include "framework/experiment/json.h"
 #include "framework/experiment/record.h"
 #include "framework/experiment/viewer.h"
 
@@ -69,6 +70,9 @@ figcaption { margin-top: .5rem; color: var(--muted); font-size: .9rem; text-alig
 .viewer canvas { display: block; width: 100%; border: 1px solid var(--line); border-radius: 6px; touch-action: none; }
 .controls { display: flex; flex-wrap: wrap; gap: .4rem 1.2rem; margin-bottom: .5rem; font-size: .9rem; }
 .controls [hidden] { display: none; }
+.animation input { flex: 1; min-width: 12rem; }
+.animation output { min-width: 8rem; font-variant-numeric: tabular-nums; }
+.animation button { min-width: 5rem; font: inherit; }
 .controls select { max-width: 18rem; font: inherit; }
 ul { margin: 0; padding-left: 1.3rem; }
 code, pre { font: .84em/1.5 ui-monospace, "SF Mono", Menlo, Consolas, "DejaVu Sans Mono", monospace; }
@@ -112,6 +116,38 @@ for (const table of document.querySelectorAll("table.sortable")) {
     header.addEventListener("click", () => sort(header, column));
     header.addEventListener("keydown", event => { if (event.key === "Enter") sort(header, column); });
   });
+}
+for (const figure of document.querySelectorAll("figure.animation")) {
+  const [select, button, slider, time, image, data] =
+      ["select", "button", "input", "output", "img", "script"].map(name => figure.querySelector(name));
+  const points = JSON.parse(data.textContent);
+  let timer = null;
+  const show = () => {
+    const point = points[select.value];
+    slider.max = point.frames.length - 1;
+    image.src = "data:image/png;base64," + point.frames[slider.value];
+    time.textContent = "t = " + point.times[slider.value];
+  };
+  const pause = () => {
+    clearInterval(timer);
+    timer = null;
+    button.textContent = "Play";
+  };
+  const step = () => {
+    slider.value = Number(slider.value) + 1;
+    show();
+    if (slider.value === slider.max) pause();
+  };
+  const play = () => {
+    if (slider.value === slider.max) slider.value = 0;
+    show();
+    timer = setInterval(step, Math.min(250, Math.max(40, 6000 / points[select.value].frames.length)));
+    button.textContent = "Pause";
+  };
+  button.addEventListener("click", () => timer === null ? play() : pause());
+  slider.addEventListener("input", () => { pause(); show(); });
+  select.addEventListener("change", show);
+  show();
 }
 )js";
 
@@ -248,6 +284,48 @@ std::string figures(const Record& record, const std::filesystem::path& folder) {
   return content;
 }
 
+/// `most` of the numbers below count, evenly, the first and the last among them.
+std::vector<std::size_t> chosen_frames(std::size_t count, std::size_t most) {
+  std::vector<std::size_t> chosen;
+  most = std::min(count, most);
+  for (std::size_t i = 0; i < most; ++i) chosen.push_back(most == 1 ? 0 : i * (count - 1) / (most - 1));
+  return chosen;
+}
+
+std::string animations(const Record& record, const std::filesystem::path& folder) {
+  constexpr std::size_t kLeastFrames = 12;
+  std::string content;
+  for (const Animation& animation : record.animations) {
+    const std::size_t share = std::max(kLeastFrames, kReportFrames / std::max<std::size_t>(1, animation.points.size()));
+    const std::size_t most = std::min(share, static_cast<std::size_t>(record.max_frames));
+    nlohmann::ordered_json points = nlohmann::ordered_json::array();
+    std::string options;
+    for (const Animation::Point& point : animation.points) {
+      nlohmann::ordered_json times = nlohmann::ordered_json::array();
+      nlohmann::ordered_json frames = nlohmann::ordered_json::array();
+      for (const std::size_t i : chosen_frames(point.files.size(), most)) {
+        const std::filesystem::path file = folder / point.files[i];
+        if (!std::filesystem::exists(file)) continue;
+        times.push_back(fmt::format("{:.5g}", point.times[i]));
+        frames.push_back(io::base64_encode(io::load_file(file)));
+      }
+      if (frames.empty()) continue;
+      options += fmt::format("<option value=\"{}\">{}</option>", points.size(), html(point.title));
+      points.push_back({{"times", times}, {"frames", frames}});
+    }
+    if (points.empty()) continue;
+    // The data are digits and base64: nothing in them ends the element.
+    content += fmt::format(
+        "<figure class=\"animation\">\n<div class=\"controls\"><select aria-label=\"point\"{}>{}</select>"
+        "<button type=\"button\">Play</button><input type=\"range\" min=\"0\" value=\"0\" aria-label=\"frame\">"
+        "<output></output></div>\n<img alt=\"{}\">\n<figcaption>{}</figcaption>\n"
+        "<script type=\"application/json\">{}</script>\n</figure>\n",
+        points.size() > 1 ? "" : " hidden", options, html(animation.caption), html(animation.caption),
+        to_text(points, -1));
+  }
+  return content;
+}
+
 std::string warnings(const Record& record) {
   if (record.warnings.empty()) return {};
   std::string items;
@@ -279,6 +357,7 @@ std::string report_html(const Record& record, const std::filesystem::path& folde
   body += section("Claims", claims(record.verdicts));
   body += section("Tables", tables(record, table_keys));
   body += section("Interactive view", viewer_html(record.spatial, record.camera));
+  body += section("Animations", animations(record, folder));
   body += section("Figures", figures(record, folder));
   body += section("Warnings", warnings(record));
   body += section("Config", config(record));

@@ -162,10 +162,16 @@ void add_row(const Plan& plan, Point& point, Record& record) {
     if (!plan.backends || point.exit_code == ExitCode::data) record.failure = std::max(record.failure, point.exit_code);
   }
   for (const auto& [metric, value] : point.result.metrics.entries()) row.set(metric, value);
-  for (const MeshFigure& figure : point.result.figures) {
+  const auto check_name = [&](const MeshFigure& figure) {
     const std::vector<std::string>& names = plan.pipeline->figures;
-    if (std::find(names.begin(), names.end(), figure.name) != names.end()) continue;
+    if (std::find(names.begin(), names.end(), figure.name) != names.end()) return;
     warn(fmt::format("pipeline '{}' made a figure '{}' that it does not declare", plan.pipeline->name, figure.name));
+  };
+  for (const MeshFigure& figure : point.result.figures) check_name(figure);
+  // A trajectory without figures is none to be drawn.
+  if (const auto& frames = point.result.trajectory.frames;
+      !frames.empty() && frames.front().figure.mesh.cell_count() > 0) {
+    check_name(frames.front().figure);
   }
   for (const std::string& warning : point.result.warnings) warn(warning);
   record.rows.push_back(std::move(row));
@@ -214,6 +220,7 @@ Record run_experiment(const Config& config, const Registry<PipelineEntry>& pipel
   record.config = config.text();
   record.swept = plan.swept_keys();
   record.camera = plan.camera;
+  record.max_frames = plan.max_frames;
   record.provenance = options.provenance;
   for (const Metric& metric : plan.pipeline->metrics) record.columns.push_back(metric.column);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// VTK XML unstructured grids. Read: ASCII, base64 inline or appended, packed by zlib or not. Written: base64 inline.
+// VTK XML unstructured grids. Read: ASCII, base64 inline or appended, packed by zlib or not. Written: base64 inline,
+// and collections of them in time.
 #include <fmt/format.h>
 #include <pugixml.hpp>
 
@@ -368,3 +369,25 @@ Format vtu_format() {
 }
 
 }  // namespace variform::io
+
+namespace variform {
+
+void write_pvd(const std::filesystem::path& path, const std::vector<std::pair<double, std::string>>& files) {
+  pugi::xml_document document;
+  pugi::xml_node root = document.append_child("VTKFile");
+  root.append_attribute("type") = "Collection";
+  root.append_attribute("version") = "1.0";
+  root.append_attribute("byte_order") = "LittleEndian";
+  pugi::xml_node collection = root.append_child("Collection");
+  for (const auto& [time, file] : files) {
+    pugi::xml_node entry = collection.append_child("DataSet");
+    entry.append_attribute("timestep") = fmt::format("{}", time).c_str();
+    entry.append_attribute("part") = 0;
+    entry.append_attribute("file") = file.c_str();
+  }
+  std::ostringstream out;
+  document.save(out, "  ");
+  write_file(path, out.str());
+}
+
+}  // namespace variform
