@@ -5,7 +5,10 @@
 #define VARIFORM_PIPELINES(X) \
   X(deform)                   \
   X(parametrize)              \
-  X(vector_field)
+  X(vector_field)             \
+  X(continuous_deformation)   \
+  X(modes)                    \
+  X(field_energy)
 
 namespace variform {
 
