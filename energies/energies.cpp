@@ -16,6 +16,7 @@
   X(auth)                                \
   X(phi)                                 \
   X(laplacian)                           \
+  X(bilaplacian)                         \
   X(poisson)
 
 namespace variform {

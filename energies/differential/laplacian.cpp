@@ -12,9 +12,12 @@ namespace {
 // Differential coordinates kept as they are in the declared shape x: r = M_l^{-1} L (u - x) at every vertex, with the
 // cotangent Laplacian L (positive semi-definite) and the lumped mass M_l, an equal share of its measure from each cell
 // of a vertex. The residual is linear in between the vertices, so its plain norm is that of the consistent mass matrix,
-// not of M_l (Laplacian editing: Sorkine et al. 2004; vertex-based energies: Martinez Esturo 2013, sec. 7.2).
+// not of M_l (Laplacian editing: Sorkine et al. 2004; vertex-based energies: Martinez Esturo 2013, sec. 7.2). Of
+// velocities on the current shape: r = M_l^{-1} L v.
 class Laplacian final : public Energy {
  public:
+  explicit Laplacian(bool velocities) : velocities_(velocities) {}
+
   EnergyTraits traits(const Domain& domain) const override {
     return {.residuals = 1,
             .unknowns = 1,
@@ -25,7 +28,8 @@ class Laplacian final : public Energy {
 
   Form declare(const Domain& domain) const override {
     const SparseMatrix E = divided_laplacian(domain);
-    return Form::from_sparse(E, E * domain.positions(), 1);
+    const Eigen::MatrixXd c = E * domain.positions();
+    return Form::from_sparse(E, velocities_ ? Eigen::MatrixXd::Zero(c.rows(), c.cols()) : c, 1);
   }
 
   // The targets stay those of the shape that was declared.
@@ -47,6 +51,8 @@ class Laplacian final : public Energy {
     }
     return mass.cwiseInverse().asDiagonal() * cotangent_laplacian(domain);
   }
+
+  bool velocities_;
 };
 
 }  // namespace
@@ -57,7 +63,17 @@ EnergyEntry describe_laplacian() {
               "Laplacian editing: differential coordinates of the rest shape kept, residuals on vertices (Sorkine et "
               "al. 2004; Martinez Esturo 2013, sec. 7.2)",
           .domains = "any",
-          .make = [](const Parameters&) { return std::make_unique<Laplacian>(); }};
+          .make = [](const Parameters&) { return std::make_unique<Laplacian>(false); }};
+}
+
+EnergyEntry describe_bilaplacian() {
+  return {.name = "bilaplacian",
+          .doc =
+              "integral of the squared Laplacian of velocities on the current shape, residuals on vertices (Martinez "
+              "Esturo 2013, Figure 28)",
+          .domains = "any",
+          .velocities = true,
+          .make = [](const Parameters&) { return std::make_unique<Laplacian>(true); }};
 }
 
 }  // namespace variform

@@ -47,41 +47,6 @@ void check(const Config& config) {
   read_lattice(config);
 }
 
-// Images of a lattice of points of the bounding box under the map, NaN outside the domain.
-Matrix probe(const Domain& domain, const Matrix& U, Index lattice) {
-  Matrix images = Matrix::Constant(lattice * lattice, 2, std::nan(""));
-  if (lattice == 0) return images;
-  const Eigen::RowVector2d low = domain.positions().colwise().minCoeff();
-  const Eigen::RowVector2d extent = domain.positions().colwise().maxCoeff() - Eigen::RowVectorXd(low);
-  const auto cell_range = [&](double from, double to, int axis) {
-    const double step = extent[axis] / lattice;
-    const auto first = static_cast<Index>(std::ceil((from - low[axis]) / step - 0.5 - 1e-9));
-    const auto last = static_cast<Index>(std::floor((to - low[axis]) / step - 0.5 + 1e-9));
-    return std::pair(std::max<Index>(first, 0), std::min<Index>(last, lattice - 1));
-  };
-  for (Index t = 0; t < domain.cell_count(); ++t) {
-    Eigen::Matrix<double, 3, 2> x;
-    Eigen::Matrix<double, 3, 2> u;
-    for (int i = 0; i < 3; ++i) {
-      x.row(i) = domain.positions().row(domain.cells()(t, i));
-      u.row(i) = U.row(domain.cells()(t, i));
-    }
-    const auto [i0, i1] = cell_range(x.col(0).minCoeff(), x.col(0).maxCoeff(), 0);
-    const auto [j0, j1] = cell_range(x.col(1).minCoeff(), x.col(1).maxCoeff(), 1);
-    const auto G = domain.gradient(t);
-    for (Index i = i0; i <= i1; ++i) {
-      for (Index j = j0; j <= j1; ++j) {
-        const Eigen::RowVector2d point =
-            low + Eigen::RowVector2d((i + 0.5) * extent[0] / lattice, (j + 0.5) * extent[1] / lattice);
-        Eigen::RowVector3d barycentric = (point - x.row(0)) * G;
-        barycentric[0] += 1.0;
-        if (barycentric.minCoeff() >= -1e-12) images.row(i * lattice + j) = barycentric * u;
-      }
-    }
-  }
-  return images;
-}
-
 // How far moved vertices stick out: the largest distance of one from the mean of its neighbours.
 double spike_height(const Domain& domain, const Matrix& U, const std::vector<Index>& moved) {
   if (moved.empty()) return 0.0;
@@ -175,7 +140,7 @@ PointResult run(const Config& config) {
                    {"displacement", MeshField::On::vertices, loaded.values_as_input(displacement)}};
   result.figures = {study_figure("deformed", U, domain, local, constraints, cells.flipped)};
   if (domain.kind() == DomainKind::planar) {
-    result.probes = probe(domain, U, lattice);
+    if (lattice > 0) result.probes = lattice_images(domain, U, lattice);
     result.probe_scale = domain.diameter();
   }
   return result;

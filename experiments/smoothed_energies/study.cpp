@@ -528,4 +528,38 @@ Vector on_cells(const Domain& domain, const Vector& values) {
   return result;
 }
 
+Matrix lattice_images(const Domain& domain, const Matrix& U, Index lattice) {
+  Matrix images = Matrix::Constant(lattice * lattice, U.cols(), std::nan(""));
+  const auto plane = domain.positions().leftCols(2);
+  const Eigen::RowVector2d low = plane.colwise().minCoeff();
+  const Eigen::RowVector2d extent = plane.colwise().maxCoeff() - low;
+  const auto cell_range = [&](double from, double to, int axis) {
+    const double step = extent[axis] / lattice;
+    const auto first = static_cast<Index>(std::ceil((from - low[axis]) / step - 0.5 - 1e-9));
+    const auto last = static_cast<Index>(std::floor((to - low[axis]) / step - 0.5 + 1e-9));
+    return std::pair(std::max<Index>(first, 0), std::min<Index>(last, lattice - 1));
+  };
+  for (Index t = 0; t < domain.cell_count(); ++t) {
+    Eigen::Matrix<double, 3, 2> x;
+    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, 3> u(3, U.cols());
+    for (int i = 0; i < 3; ++i) {
+      x.row(i) = plane.row(domain.cells()(t, i));
+      u.row(i) = U.row(domain.cells()(t, i));
+    }
+    const auto [i0, i1] = cell_range(x.col(0).minCoeff(), x.col(0).maxCoeff(), 0);
+    const auto [j0, j1] = cell_range(x.col(1).minCoeff(), x.col(1).maxCoeff(), 1);
+    const auto G = domain.gradient(t);
+    for (Index i = i0; i <= i1; ++i) {
+      for (Index j = j0; j <= j1; ++j) {
+        const Eigen::RowVector2d point =
+            low + Eigen::RowVector2d((i + 0.5) * extent[0] / lattice, (j + 0.5) * extent[1] / lattice);
+        Eigen::RowVector3d barycentric = (point - x.row(0)) * G.topRows(2);
+        barycentric[0] += 1.0;
+        if (barycentric.minCoeff() >= -1e-12) images.row(i * lattice + j) = barycentric * u;
+      }
+    }
+  }
+  return images;
+}
+
 }  // namespace variform

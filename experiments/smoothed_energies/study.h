@@ -91,6 +91,9 @@ MeshField local_energy_field(const LoadedDomain& loaded, const Vector& local_ene
 MeshFigure study_figure(const std::string& name, const Matrix& positions, const Domain& domain,
                         const Vector& local_energy, const LoadedConstraints& constraints,
                         const std::vector<Index>& flipped);
+/// Images of a lattice of lattice x lattice points of the bounding box under the map with vertex values U (|V| x d), a
+/// row each, NaN outside the domain. For triangles in the xy-plane at rest.
+Matrix lattice_images(const Domain& domain, const Matrix& U, Index lattice);
 /// Values per cell for colours: those of vertices averaged.
 Vector on_cells(const Domain& domain, const Vector& values);
 

@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "integrators/shape/deformation_flow.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "framework/base/error.h"
+#include "framework/base/stopwatch.h"
+
+namespace variform {
+namespace {
+
+// A triangle in space with 2 area / (longest edge)^2 below this has collapsed: no side of it is the wrong one.
+constexpr double kCollapsed = 1e-10;
+
+using Positions = Eigen::Map<const Matrix>;
+
+Positions as_positions(const Vector& y, int dimension) { return {y.data(), y.size() / dimension, dimension}; }
+
+SpacePoint point_of(const Eigen::Ref<const Matrix>& X, Index vertex) { return X.row(vertex).transpose(); }
+
+}  // namespace
+
+DeformationFlow::DeformationFlow(const Domain& rest, const Energy& energy, const NormOptions& norm,
+                                 std::vector<Handle> handles, double start, LinearBackend& backend,
+                                 const FlowOptions& options)
+    : rest_(rest),
+      domain_(rest),
+      handles_(std::move(handles)),
+      held_(held_by(handles_, rest)),
+      start_(start),
+      backend_(backend),
+      options_(options),
+      problem_(domain_, energy, norm, constraints()),
+      positions_(rest.positions()),
+      velocities_(Matrix::Zero(rest.vertex_count(), rest.ambient_dimension())),
+      handle_velocities_(Matrix::Zero(static_cast<Index>(held_.size()), rest.ambient_dimension())) {
+  const EnergyTraits& traits = problem_.traits();
+  if (traits.dimension() != rest.ambient_dimension() || traits.state != StateDependence::none) {
+    throw UsageError("deformation flow: the energy is not one of velocities of the vertices");
+  }
+  if (options_.continued_by != nullptr) {
+    if (options_.continuation_backend == nullptr || options_.continuation_backend == &backend_) {
+      throw UsageError("deformation flow: the continuation needs a linear backend of its own");
+    }
+    Constraints boundary(rest.vertex_count(), rest.ambient_dimension());
+    for (Index v = 0; v < rest.vertex_count(); ++v) {
+      if (rest.boundary_vertices()[v]) boundary.fix(v, Eigen::RowVectorXd::Zero(rest.ambient_dimension()));
+    }
+    boundary_velocities_ = Matrix::Zero(static_cast<Index>(boundary.fixed().size()), rest.ambient_dimension());
+    continuation_ = std::make_unique<Problem>(domain_, *options_.continued_by, NormOptions{}, std::move(boundary));
+  }
+}
+
+std::vector<DeformationFlow::HeldVertex> DeformationFlow::held_by(const std::vector<Handle>& handles,
+                                                                  const Domain& domain) {
+  check_handles(handles, domain);
+  std::map<Index, HeldVertex> held;
+  for (std::size_t h = 0; h < handles.size(); ++h) {
+    for (const Index v : handles[h].vertices) {
+      HeldVertex& entry = held.try_emplace(v, HeldVertex{v, {-1, -1, -1}}).first->second;
+      for (std::size_t c = 0; c < 3; ++c) {
+        if (handles[h].held[c]) entry.handle[c] = static_cast<int>(h);
+      }
+    }
+  }
+  std::vector<HeldVertex> list;
+  for (const auto& [vertex, entry] : held) list.push_back(entry);
+  return list;
+}
+
+Constraints DeformationFlow::constraints() const {
+  const int d = rest_.ambient_dimension();
+  Constraints constraints(rest_.vertex_count(), d);
+  const Eigen::RowVectorXd zero = Eigen::RowVectorXd::Zero(d);
+  for (const HeldVertex& held : held_) {
+    std::vector<bool> components;
+    for (int c = 0; c < d; ++c) components.push_back(held.handle[static_cast<std::size_t>(c)] >= 0);
+    if (options_.soft_weight > 0.0) {
+      constraints.attract(held.vertex, zero, options_.soft_weight);
+    } else if (std::find(components.begin(), components.end(), false) == components.end()) {
+      constraints.fix(held.vertex, zero);
+    } else {
+      constraints.fix(held.vertex, zero, components);
+    }
+  }
+  return constraints;
+}
+
+// `of` gives the value of a handle at a vertex, once for all components that it holds there.
+template <class Value, class Set>
+void DeformationFlow::for_held(const Value& of, const Set& set) const {
+  const int d = rest_.ambient_dimension();
+  for (std::size_t i = 0; i < held_.size(); ++i) {
+    SpacePoint value;
+    int known = -1;
+    for (int c = 0; c < d; ++c) {
+      const int h = held_[i].handle[static_cast<std::size_t>(c)];
+      if (h < 0) continue;
+      if (h != known) value = of(handles_[static_cast<std::size_t>(h)], held_[i].vertex);
+      known = h;
+      if (value.size() == d) set(static_cast<Index>(i), held_[i].vertex, c, value[c]);
+    }
+  }
+}
+
+double DeformationFlow::place_handles(double t, Matrix& X) const {
+  if (options_.soft_weight > 0.0) return 0.0;
+  const int d = rest_.ambient_dimension();
+  double largest = 0.0;
+  double squared = 0.0;
+  Index last = -1;
+  for_held(
+      [&](const Handle& handle, Index v) -> SpacePoint {
+        if (!handle.closed_form(d)) return {};
+        const SpacePoint rest = point_of(rest_.positions(), v);
+        return handle.motion ? handle.motion->position(start_, rest, t) : rest;
+      },
+      [&](Index, Index v, int c, double value) {
+        if (v != last) squared = 0.0;
+        last = v;
+        squared += (value - X(v, c)) * (value - X(v, c));
+        largest = std::max(largest, squared);
+        X(v, c) = value;
+      });
+  return std::sqrt(largest);
+}
+
+void DeformationFlow::place(double t, const Vector& y) {
+  positions_ = as_positions(y, point_size());
+  place_handles(t, positions_);
+  if (domain_.positions() == positions_) return;  // the end of a step is looked at first, then evaluated
+  if (!positions_.allFinite()) throw StepRefused("positions are not finite");
+  try {
+    domain_.set_positions(positions_);
+  } catch (const DataError& error) {
+    throw StepRefused(error.what());
+  }
+  if (domain_.kind() != DomainKind::surface) return;
+  for (Index t_cell = 0; t_cell < domain_.cell_count(); ++t_cell) {
+    double longest = 0.0;
+    for (int i = 0; i < 3; ++i) {
+      const auto edge =
+          positions_.row(domain_.cells()(t_cell, (i + 1) % 3)) - positions_.row(domain_.cells()(t_cell, i));
+      longest = std::max(longest, edge.squaredNorm());
+    }
+    if (2.0 * domain_.cell_measures()[t_cell] < kCollapsed * longest) {
+      throw StepRefused(fmt::format("cell {} collapses: its area is {:.3g}", t_cell, domain_.cell_measures()[t_cell]));
+    }
+  }
+}
+
+void DeformationFlow::refresh_handle_velocities(double t) {
+  for_held([&](const Handle& handle, Index v) { return handle.velocity(t, point_of(positions_, v)); },
+           [&](Index row, Index, int c, double value) { handle_velocities_(row, c) = value; });
+  if (options_.soft_weight > 0.0) {
+    problem_.set_soft_values(handle_velocities_);
+  } else {
+    problem_.set_fixed_values(handle_velocities_);
+  }
+}
+
+void DeformationFlow::velocity(double t, const Vector& y, Vector& dy) {
+  const Stopwatch watch;
+  place(t, y);
+  if (carry) carry(positions_);
+  refresh_handle_velocities(t);
+  geometry_seconds_ += watch.seconds();
+  problem_.refresh_operator();
+  problem_.solve(backend_, velocities_);
+  if (continuation_) {
+    Index row = 0;
+    for (Index v = 0; v < rest_.vertex_count(); ++v) {
+      if (rest_.boundary_vertices()[v]) boundary_velocities_.row(row++) = velocities_.row(v);
+    }
+    continuation_->set_fixed_values(boundary_velocities_);
+    continuation_->refresh_operator();
+    continuation_->solve(*options_.continuation_backend, velocities_);
+  }
+  dy = Eigen::Map<const Vector>(velocities_.data(), velocities_.size());
+}
+
+std::string DeformationFlow::refusal(double t, const Vector& y) {
+  try {
+    place(t, y);
+  } catch (const StepRefused& refused) {
+    return refused.what();
+  }
+  return {};
+}
+
+double DeformationFlow::project(double t, Vector& y) {
+  positions_ = as_positions(y, point_size());
+  const double drift = place_handles(t, positions_);
+  y = Eigen::Map<const Vector>(positions_.data(), positions_.size());
+  return drift;
+}
+
+std::vector<double> DeformationFlow::breaks(double t0, double t1) const { return breaks_of(handles_, t0, t1); }
+
+Vector DeformationFlow::rest_state() const {
+  return Eigen::Map<const Vector>(rest_.positions().data(), rest_.positions().size());
+}
+
+Matrix DeformationFlow::positions_of(const Vector& y, int dimension) { return as_positions(y, dimension); }
+
+}  // namespace variform
