@@ -15,6 +15,8 @@
   X(conf)                                \
   X(auth)                                \
   X(phi)                                 \
+  X(near_isometric)                      \
+  X(edge_lengths)                        \
   X(laplacian)                           \
   X(bilaplacian)                         \
   X(poisson)

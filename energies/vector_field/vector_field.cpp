@@ -132,8 +132,9 @@ Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, const Eigen
   return V * values.asDiagonal() * V.transpose();
 }
 
-VectorFieldEnergy::VectorFieldEnergy(VectorFieldKind kind, Vector parameter, const Matrix& tensors)
-    : kind_(kind), parameter_(std::move(parameter)), tensors_(tensors) {
+VectorFieldEnergy::VectorFieldEnergy(VectorFieldKind kind, Vector parameter, const Matrix& tensors,
+                                     Smoothness smoothness)
+    : kind_(kind), parameter_(std::move(parameter)), tensors_(tensors), smoothness_(smoothness) {
   if (parameter_.size() == 0) throw UsageError("vector-field energy: a parameter for all cells or one each is needed");
   for (const double value : parameter_) {
     if (kind_ == VectorFieldKind::authalic && !(value >= 0.0 && std::isfinite(value))) {
@@ -159,11 +160,15 @@ void VectorFieldEnergy::set_tensors(const Matrix& tensors) {
   }
   tensors_ = tensors;
   // Where the kind and the tensor allow it: a phi out of range is for traits to refuse, with the cell.
-  roots_.assign(std::max<std::size_t>(tensors.rows(), parameter_.size()), {});
   const int p = dimension_of(tensors_);
+  const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(p * p, p * p);
+  roots_.assign(std::max<std::size_t>(tensors.rows(), parameter_.size()), none);
+  gradients_ = roots_;
   parallel_for(static_cast<Index>(roots_.size()), [&](Index t) {
     const VectorFieldWeights w = weights(t, trace(t, p));
-    if (!indefinite(w, trace(t, p))) roots_[t] = vector_field_root(w, tensor_at(tensors_, t));
+    if (indefinite(w, trace(t, p))) return;
+    roots_[t] = vector_field_root(w, tensor_at(tensors_, t));
+    if (smoothness_ == Smoothness::gradient) gradients_[t] = 2.0 * vector_field_matrix(w, tensor_at(tensors_, t));
   });
 }
 
@@ -230,34 +235,140 @@ EnergyTraits VectorFieldEnergy::traits(const Domain& domain) const {
   return {.residuals = p * p, .unknowns = p, .columns = 1, .kernel = kernel};
 }
 
-void VectorFieldEnergy::cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const {
-  const auto G = domain.gradient(t);
-  const auto p = static_cast<int>(G.rows());
-  if (!roots_.empty()) {
-    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, 9, 12> H(p * p, p * (p + 1));
-    vectorised_gradient(domain, t, p, H);
-    E.noalias() = roots_[roots_.size() == 1 ? 0 : t] * H;
-    return;
-  }
-  // S = sqrt(strain) (I + K) + difference P_tr, applied to the gradient of each local unknown.
-  const VectorFieldWeights w = weights(t, p);
+namespace {
+
+// For isotropic materials S and 2 M are of the form a (I + K) + b vec(I) vec(I)', K the transposition.
+struct Isotropic {
+  double a;
+  double b;
+};
+
+Isotropic coefficients(const VectorFieldWeights& w, int p, Smoothness what) {
+  if (what == Smoothness::gradient) return {4.0 * w.strain, 2.0 * w.divergence};
+  // A phi out of range is for traits to refuse, with the cell.
+  if (indefinite(w, p)) return {0.0, 0.0};
   const double shear = std::sqrt(w.strain);
-  const double difference = (identity_root(w, p) - 2.0 * shear) / p;
+  return {shear, (identity_root(w, p) - 2.0 * shear) / p};
+}
+
+// That matrix times H, column by column of G.
+template <int p, class Block>
+void apply(const Isotropic& matrix, const Eigen::Matrix<double, p, p + 1>& G, Block& E) {
   E.setZero();
   for (int i = 0; i <= p; ++i) {
     for (int c = 0; c < p; ++c) {
       auto column = E.col(i * p + c);
       for (int r = 0; r < p; ++r) {
-        column[c * p + r] += shear * G(r, i);
-        column[r * p + c] += shear * G(r, i);
-        column[r * (p + 1)] += difference * G(c, i);
+        column[c * p + r] += matrix.a * G(r, i);
+        column[r * p + c] += matrix.a * G(r, i);
+        column[r * (p + 1)] += matrix.b * G(c, i);
       }
     }
   }
 }
 
-std::unique_ptr<VectorFieldEnergy> make_vector_field_energy(const Vector& phi, const Matrix& tensors) {
-  return std::make_unique<VectorFieldEnergy>(VectorFieldKind::phi, phi, tensors);
+// A general matrix times H: the gradient of coordinate c of vertex i meets its columns c p to c p + p - 1.
+template <int p, class Block>
+void apply(const Eigen::MatrixXd& matrix, const Eigen::Matrix<double, p, p + 1>& G, Block& E) {
+  const Eigen::Map<const Eigen::Matrix<double, p * p, p * p>> A(matrix.data());
+  for (int i = 0; i <= p; ++i) {
+    for (int c = 0; c < p; ++c) {
+      E.col(i * p + c).noalias() = A.template middleCols<p>(c * p) * G.col(i);
+    }
+  }
+}
+
+}  // namespace
+
+template <int p>
+void VectorFieldEnergy::fill(const Domain& domain, Smoothness what, Form& form) const {
+  const std::vector<Eigen::MatrixXd>& matrices = what == Smoothness::residual ? roots_ : gradients_;
+  const bool alike = parameter_.size() == 1;
+  const Isotropic all = coefficients(weights(0, p), p, what);
+  parallel_for(domain.cell_count(), [&](Index t) {
+    const Eigen::Matrix<double, p, p + 1> G =
+        Eigen::Map<const Eigen::Matrix<double, p, p + 1>>(domain.gradient(t).data());
+    Eigen::Map<Eigen::Matrix<double, p * p, p*(p + 1)>> E(form.block_data(t));
+    if (!matrices.empty()) {
+      apply<p>(matrices[matrices.size() == 1 ? 0 : t], G, E);
+    } else {
+      apply<p>(alike ? all : coefficients(weights(t, p), p, what), G, E);
+    }
+  });
+}
+
+void VectorFieldEnergy::fill(const Domain& domain, Smoothness what, Form& form) const {
+  if (domain.ambient_dimension() == 2) {
+    fill<2>(domain, what, form);
+  } else {
+    fill<3>(domain, what, form);
+  }
+}
+
+void VectorFieldEnergy::cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const {
+  const auto place = [&]<int p>() {
+    const Eigen::Matrix<double, p, p + 1> G = domain.gradient(t);
+    if (!roots_.empty()) {
+      apply<p>(roots_[roots_.size() == 1 ? 0 : t], G, E);
+    } else {
+      apply<p>(coefficients(weights(t, p), p, Smoothness::residual), G, E);
+    }
+  };
+  if (domain.ambient_dimension() == 2) {
+    place.template operator()<2>();
+  } else {
+    place.template operator()<3>();
+  }
+}
+
+void VectorFieldEnergy::refresh_operator(const Domain& domain, Form& form) const {
+  fill(domain, Smoothness::residual, form);
+}
+
+std::optional<Term> VectorFieldEnergy::regularizer(const Domain& domain, const NormOptions& norm) const {
+  if (smoothness_ == Smoothness::residual) return std::nullopt;
+  const int p = domain.ambient_dimension();
+  Form form(domain.vertex_count(), domain.cells(), p * p, p, 1);
+  refresh_regularizer(domain, form);
+  return Term{std::move(form), variation_norm(domain, {.beta = 1.0, .facet_weight = norm.facet_weight})};
+}
+
+void VectorFieldEnergy::refresh_regularizer(const Domain& domain, Form& form) const {
+  fill(domain, Smoothness::gradient, form);
+}
+
+double beta_from_alpha(double alpha) {
+  if (!(alpha >= 0.0 && std::isfinite(alpha))) {
+    throw UsageError(fmt::format("vector-field energy: alpha = {}: expected a finite value >= 0", alpha));
+  }
+  return alpha / (1.0 + alpha);
+}
+
+double alpha_from_beta(double beta) {
+  if (!(beta >= 0.0 && beta < 1.0)) {
+    throw UsageError(fmt::format("vector-field energy: beta = {}: expected a value in [0, 1)", beta));
+  }
+  return beta / (1.0 - beta);
+}
+
+double residual_beta(double alpha, double m) {
+  if (!(m >= 0.0 && std::isfinite(m))) {
+    throw UsageError(fmt::format("vector-field energy: stiffness {}: expected a finite value >= 0", m));
+  }
+  return beta_from_alpha(4.0 * m * alpha);
+}
+
+std::optional<double> only_stiffness(const VectorFieldWeights& weights, int p) {
+  if (vanishes(weights.divergence, weights, p) || vanishes(identity_stiffness(weights, p), weights, p)) {
+    return 4.0 * weights.strain;
+  }
+  if (vanishes(weights.strain, weights, p)) return p * weights.divergence;
+  return std::nullopt;
+}
+
+std::unique_ptr<VectorFieldEnergy> make_vector_field_energy(const Vector& phi, const Matrix& tensors,
+                                                            Smoothness smoothness) {
+  return std::make_unique<VectorFieldEnergy>(VectorFieldKind::phi, phi, tensors, smoothness);
 }
 
 namespace {
@@ -295,7 +406,12 @@ Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tens
 
 namespace {
 
-const std::vector<Parameter> kTensorParameters = {
+const std::vector<Parameter> kCommonParameters = {
+    {.name = "smoothness",
+     .value = std::string("residual"),
+     .doc = "what beta weighs: the variation of the residual (the norm W_n) or of the gradient of the density (chapter "
+            "3: E + alpha E_S with alpha = beta / (1 - beta))",
+     .choices = {"residual", "gradient"}},
     {.name = "stiffness",
      .value = std::vector<double>{},
      .doc = "factors [along, across] of the axis, both positive, the same on all cells; none: isotropic",
@@ -326,7 +442,7 @@ Matrix tensor_from(const Parameters& parameters) {
 EnergyEntry describe(const std::string& name, VectorFieldKind kind, const std::string& doc,
                      const std::vector<Parameter>& own = {}) {
   std::vector<Parameter> parameters = own;
-  parameters.insert(parameters.end(), kTensorParameters.begin(), kTensorParameters.end());
+  parameters.insert(parameters.end(), kCommonParameters.begin(), kCommonParameters.end());
   const std::string key = own.empty() ? "" : own.front().name;
   return {.name = name,
           .doc = doc + "; velocities (Martinez Esturo 2013, ch. 3 and 7)",
@@ -335,7 +451,9 @@ EnergyEntry describe(const std::string& name, VectorFieldKind kind, const std::s
           .parameters = parameters,
           .make = [kind, key](const Parameters& values) {
             const Vector parameter = Vector::Constant(1, key.empty() ? 0.0 : values.number(key));
-            return std::make_unique<VectorFieldEnergy>(kind, parameter, tensor_from(values));
+            const auto smoothness =
+                values.string("smoothness") == "gradient" ? Smoothness::gradient : Smoothness::residual;
+            return std::make_unique<VectorFieldEnergy>(kind, parameter, tensor_from(values), smoothness);
           }};
 }
 

@@ -22,7 +22,7 @@ void Constraints::check_vertex(Index vertex) const {
   }
 }
 
-void Constraints::check_value(Index vertex, const Eigen::RowVectorXd& value) const {
+void Constraints::check_value(Index vertex, const Eigen::Ref<const Eigen::RowVectorXd>& value) const {
   if (value.size() != dimension_) {
     throw DataError(
         fmt::format("constraint: vertex {}: expected {} coordinates, got {}", vertex, dimension_, value.size()));
@@ -30,19 +30,35 @@ void Constraints::check_value(Index vertex, const Eigen::RowVectorXd& value) con
   if (!value.allFinite()) throw DataError(fmt::format("constraint: vertex {}: the value is not finite", vertex));
 }
 
-void Constraints::fix(Index vertex, const Eigen::RowVectorXd& value) {
+void Constraints::fix(Index vertex, const Eigen::RowVectorXd& value) { fix(vertex, value, {}); }
+
+void Constraints::fix(Index vertex, const Eigen::RowVectorXd& value, const std::vector<bool>& components) {
   check_vertex(vertex);
   check_value(vertex, value);
+  const auto marked = std::count(components.begin(), components.end(), true);
+  if (!components.empty() && (components.size() != static_cast<std::size_t>(dimension_) || marked == 0)) {
+    throw DataError(
+        fmt::format("constraint: vertex {}: {} of {} components are held; expected {} flags, one set at least", vertex,
+                    marked, components.size(), dimension_));
+  }
+  Value fixed{vertex, value};
+  if (marked < dimension_) fixed.components = components;  // all of them: no mark
   if (fixed_index_.empty()) fixed_index_.assign(vertex_count_, -1);
   if (const Index at = fixed_index_[vertex]; at >= 0) {
-    if (fixed_[at].value != value) {
+    if (fixed_[at].components != fixed.components) {
+      throw DataError(fmt::format("constraint: vertex {} is fixed twice, in different components", vertex));
+    }
+    bool same = true;
+    for (int i = 0; i < dimension_; ++i) same = same && (!fixed.holds(i) || fixed_[at].value[i] == value[i]);
+    if (!same) {
       throw DataError(fmt::format("constraint: vertex {} is fixed at both ({}) and ({})", vertex,
                                   fmt::join(fixed_[at].value, ", "), fmt::join(value, ", ")));
     }
     return;
   }
   fixed_index_[vertex] = static_cast<Index>(fixed_.size());
-  fixed_.push_back({vertex, value});
+  has_components_ = has_components_ || !fixed.components.empty();
+  fixed_.push_back(std::move(fixed));
 }
 
 void Constraints::attract(Index vertex, const Eigen::RowVectorXd& value, double weight) {
@@ -51,7 +67,7 @@ void Constraints::attract(Index vertex, const Eigen::RowVectorXd& value, double 
   if (!(weight >= 0.0) || !std::isfinite(weight)) {
     throw DataError(fmt::format("constraint: vertex {}: soft weight {} is not a positive number", vertex, weight));
   }
-  soft_.push_back({vertex, value, weight});
+  soft_.push_back({vertex, value, weight, {}});
 }
 
 void Constraints::identify(Index first, Index second) {
@@ -84,6 +100,17 @@ void Constraints::set_fixed_values(const Matrix& values) {
   }
 }
 
+void Constraints::set_equality_values(const Matrix& values) {
+  if (values.rows() != static_cast<Eigen::Index>(equalities_.size()) || values.cols() != dimension_) {
+    throw DataError(fmt::format("constraint: expected {} x {} values of linear equalities, got {} x {}",
+                                equalities_.size(), dimension_, values.rows(), values.cols()));
+  }
+  for (std::size_t i = 0; i < equalities_.size(); ++i) {
+    check_value(equalities_[i].vertices.front(), values.row(static_cast<Index>(i)));
+    equalities_[i].value = values.row(static_cast<Index>(i));
+  }
+}
+
 namespace {
 
 // Calls visit(unknown, column, value) for each scalar of a vertex value.
@@ -106,6 +133,11 @@ Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int 
     throw UsageError(fmt::format("constraints on {} vertices in dimension {} do not fit {} unknowns",
                                  constraints.vertex_count(), constraints.dimension(), unknown_count_));
   }
+  if (unknowns_ == 1 && constraints.has_components()) {
+    throw UsageError(
+        "constraints hold vertices in single components, which needs an energy that solves for all coordinates of a "
+        "vertex together");
+  }
   // Groups of identified vertices; a group with a fixed vertex is fixed.
   std::vector<Index> group(constraints.vertex_count());
   std::iota(group.begin(), group.end(), 0);
@@ -118,14 +150,19 @@ Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int 
     const Index b = root(pair.second);
     group[std::max(a, b)] = std::min(a, b);
   }
-  // The constraint that fixes each group, -1: none.
-  std::vector<Index> fixed(constraints.vertex_count(), -1);
+  // The constraint that fixes each unknown of each group, -1: none.
+  std::vector<Index> fixed(static_cast<std::size_t>(unknown_count_), -1);
+  const auto component_of = [&](int c) { return unknowns_ == 1 ? -1 : c; };
   for (std::size_t i = 0; i < constraints.fixed().size(); ++i) {
-    Index& first = fixed[root(constraints.fixed()[i].vertex)];
-    if (first < 0) {
-      first = static_cast<Index>(i);
-    } else {
-      fixed_pairs_.emplace_back(first, static_cast<Index>(i));
+    const Constraints::Value& value = constraints.fixed()[i];
+    for (int c = 0; c < unknowns_; ++c) {
+      if (!value.holds(c)) continue;
+      Index& first = fixed[root(value.vertex) * unknowns_ + c];
+      if (first < 0) {
+        first = static_cast<Index>(i);
+      } else {
+        fixed_pairs_.push_back({first, static_cast<Index>(i), component_of(c)});
+      }
     }
   }
   check_fixed_pairs(constraints);
@@ -133,12 +170,12 @@ Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int 
   target_.setConstant(unknown_count_, -1);
   for (Index v = 0; v < constraints.vertex_count(); ++v) {
     const Index r = root(v);
-    if (fixed[r] >= 0) {
-      fixed_vertices_.emplace_back(v, fixed[r]);
-      continue;
-    }
     for (int i = 0; i < unknowns_; ++i) {
-      target_[v * unknowns_ + i] = r == v ? free_count_++ : target_[r * unknowns_ + i];
+      if (const Index constraint = fixed[r * unknowns_ + i]; constraint >= 0) {
+        fixed_unknowns_.push_back({v * unknowns_ + i, constraint, component_of(i)});
+      } else {
+        target_[v * unknowns_ + i] = r == v ? free_count_++ : target_[r * unknowns_ + i];
+      }
     }
   }
   const int copies = unknowns_ == 1 ? 1 : constraints.dimension();
@@ -166,18 +203,19 @@ Reduction::Reduction(const SparseMatrix& H, const Constraints& constraints, int 
   std::vector<Multiplier> multipliers;
   for (std::size_t e = 0; e < constraints.equalities().size(); ++e) {
     const auto& equality = constraints.equalities()[e];
-    bool any = false;
+    std::vector<bool> sees(copies, false);  // something free
     for (std::size_t k = 0; k < equality.vertices.size(); ++k) {
       for (int i = 0; i < copies; ++i) {
         const Index y = target_[equality.vertices[k] * unknowns_ + (unknowns_ == 1 ? 0 : i)];
         if (y < 0) continue;
-        any = true;
+        sees[i] = true;
         multipliers.push_back({free_count_ + static_cast<Index>(e) * copies + i, y, equality.weights[k]});
       }
     }
-    if (!any) {
-      throw DataError(fmt::format("constraint: linear equality {} has only fixed vertices ({})", e,
-                                  fmt::join(equality.vertices, ", ")));
+    if (std::find(sees.begin(), sees.end(), false) != sees.end()) {
+      throw DataError(fmt::format("constraint: linear equality {} has only fixed vertices ({}){}", e,
+                                  fmt::join(equality.vertices, ", "),
+                                  constraints.has_components() ? " in some component" : ""));
     }
   }
   for (const Multiplier& m : multipliers) triplets.emplace_back(m.row, m.column, 0.0);
@@ -263,8 +301,15 @@ double Reduction::refill(const SparseMatrix& H, const Constraints& constraints) 
 
 Eigen::MatrixXd Reduction::right_hand_side(const SparseMatrix& H, const Matrix& g,
                                            const Constraints& constraints) const {
+  Eigen::MatrixXd rhs;
+  right_hand_side(H, g, constraints, rhs);
+  return rhs;
+}
+
+void Reduction::right_hand_side(const SparseMatrix& H, const Matrix& g, const Constraints& constraints,
+                                Eigen::MatrixXd& rhs) const {
   const Eigen::Index columns = g.cols();
-  Eigen::MatrixXd rhs = Eigen::MatrixXd::Zero(matrix_.rows(), columns);
+  rhs.setZero(matrix_.rows(), columns);
   const auto add = [&](Index i) {
     if (target_[i] < 0) return;
     for (Eigen::Index column = 0; column < columns; ++column) rhs(target_[i], column) += g(i, column);
@@ -274,10 +319,15 @@ Eigen::MatrixXd Reduction::right_hand_side(const SparseMatrix& H, const Matrix& 
   } else {
     for (Index i = 0; i < unknown_count_; ++i) add(i);
   }
-  if (!couplings_.empty()) {
-    const Matrix fixed = fixed_part(constraints, columns);
-    for (const Coupling& coupling : couplings_) {
-      rhs.row(coupling.row) -= H.valuePtr()[coupling.entry] * fixed.row(coupling.fixed);
+  Matrix& fixed = fixed_values_;
+  if (!couplings_.empty() || multiplier_count_ > 0) {
+    if (fixed.cols() != columns) fixed.setZero(unknown_count_, columns);
+    set_fixed_part(constraints, fixed);
+  }
+  for (const Coupling& coupling : couplings_) {
+    const double entry = H.valuePtr()[coupling.entry];
+    for (Eigen::Index column = 0; column < columns; ++column) {
+      rhs(coupling.row, column) -= entry * fixed(coupling.fixed, column);
     }
   }
   for (const auto& soft : constraints.soft()) {
@@ -287,7 +337,6 @@ Eigen::MatrixXd Reduction::right_hand_side(const SparseMatrix& H, const Matrix& 
   }
   const int copies = unknowns_ == 1 ? 1 : constraints.dimension();
   if (multiplier_count_ > 0) {
-    const Matrix fixed = fixed_part(constraints, columns);
     for (std::size_t e = 0; e < constraints.equalities().size(); ++e) {
       const auto& equality = constraints.equalities()[e];
       for_each_scalar(0, equality.value, unknowns_, [&](Index component, int column, double value) {
@@ -301,40 +350,52 @@ Eigen::MatrixXd Reduction::right_hand_side(const SparseMatrix& H, const Matrix& 
       });
     }
   }
-  return rhs;
 }
 
 void Reduction::check_fixed_pairs(const Constraints& constraints) const {
-  for (const auto& [i, j] : fixed_pairs_) {
-    const Constraints::Value& a = constraints.fixed()[i];
-    const Constraints::Value& b = constraints.fixed()[j];
-    if (a.value != b.value) {
+  for (const FixedPair& pair : fixed_pairs_) {
+    const Constraints::Value& a = constraints.fixed()[pair.first];
+    const Constraints::Value& b = constraints.fixed()[pair.second];
+    if (pair.component < 0 ? a.value != b.value : a.value[pair.component] != b.value[pair.component]) {
       throw DataError(fmt::format("constraint: vertices {} and {} are identified, but fixed at ({}) and ({})", a.vertex,
                                   b.vertex, fmt::join(a.value, ", "), fmt::join(b.value, ", ")));
     }
   }
 }
 
-Matrix Reduction::fixed_part(const Constraints& constraints, Eigen::Index columns) const {
+void Reduction::set_fixed_part(const Constraints& constraints, Matrix& X) const {
   check_fixed_pairs(constraints);  // values may have changed since the constructor
-  Matrix X = Matrix::Zero(unknown_count_, columns);
-  for (const auto& [vertex, constraint] : fixed_vertices_) {
-    for_each_scalar(vertex, constraints.fixed()[constraint].value, unknowns_,
-                    [&](Index unknown, int column, double value) { X(unknown, column) = value; });
+  for (const FixedUnknown& fixed : fixed_unknowns_) {
+    const Eigen::RowVectorXd& value = constraints.fixed()[fixed.constraint].value;
+    if (fixed.component < 0) {
+      X.row(fixed.unknown) = value;
+    } else {
+      X(fixed.unknown, 0) = value[fixed.component];
+    }
   }
+}
+
+Matrix Reduction::fixed_part(const Constraints& constraints, Eigen::Index columns) const {
+  Matrix X = Matrix::Zero(unknown_count_, columns);
+  set_fixed_part(constraints, X);
   return X;
 }
 
 Matrix Reduction::expand(const Eigen::MatrixXd& Y, const Constraints& constraints, Eigen::Index columns) const {
-  Matrix X = fixed_part(constraints, columns);
+  Matrix X(unknown_count_, columns);
+  expand(Y, constraints, X);
+  return X;
+}
+
+void Reduction::expand(const Eigen::MatrixXd& Y, const Constraints& constraints, Matrix& X) const {
+  set_fixed_part(constraints, X);
   parallel_for(
       unknown_count_,
       [&](Index i) {
         if (target_[i] < 0) return;
-        for (Eigen::Index column = 0; column < columns; ++column) X(i, column) = Y(target_[i], column);
+        for (Eigen::Index column = 0; column < X.cols(); ++column) X(i, column) = Y(target_[i], column);
       },
       4096);
-  return X;
 }
 
 SparseMatrix Reduction::elimination() const {
@@ -417,10 +478,20 @@ void check_constraint_rank(const Domain& domain, const Constraints& constraints,
   const Eigen::Index motions = kernel.cols();
   if (motions == 0) return;
   const auto at = [&](Index vertex) { return kernel.middleRows(vertex * unknowns, unknowns); };
+  // The motions of what is held: of a vertex, or of single components.
+  const auto held_at = [&](const Constraints::Value& value) {
+    Eigen::MatrixXd rows = at(value.vertex);
+    Eigen::Index count = 0;
+    for (int c = 0; c < unknowns; ++c) {
+      if (value.holds(c)) rows.row(count++) = kernel.row(value.vertex * unknowns + c);
+    }
+    rows.conservativeResize(count, Eigen::NoChange);
+    return rows;
+  };
   if (domain.component_count() == 1) {
     RowSpace held(motions);
     for (const auto* values : {&constraints.fixed(), &constraints.soft()}) {
-      for (const auto& value : *values) held.add(at(value.vertex));
+      for (const auto& value : *values) held.add(held_at(value));
     }
     if (held.rank() == motions) return;
   }
@@ -432,7 +503,7 @@ void check_constraint_rank(const Domain& domain, const Constraints& constraints,
   for (const auto* values : {&constraints.fixed(), &constraints.soft()}) {
     for (const auto& value : *values) {
       for (const Index component : components_of[value.vertex]) {
-        own[component].add(at(value.vertex));
+        own[component].add(held_at(value));
         ++count[component];
       }
     }
@@ -464,8 +535,11 @@ void check_constraint_rank(const Domain& domain, const Constraints& constraints,
   if (coupled) {
     for (const auto* values : {&constraints.fixed(), &constraints.soft()}) {
       for (const auto& value : *values) {
-        start_row();
-        add_to_row(value.vertex, 1.0);
+        const Index component = components_of[value.vertex].front();
+        if (column[component] < 0) continue;
+        const Eigen::MatrixXd held = held_at(value);
+        row.setZero(held.rows(), size);
+        row.middleCols(column[component], motions) = held;
         finish_row();
       }
     }
@@ -503,45 +577,55 @@ void check_constraint_rank(const Domain& domain, const Constraints& constraints,
 
 Matrix closest_feasible(const Constraints& constraints, const Matrix& U) {
   Matrix result = U;
-  std::vector<bool> held(constraints.vertex_count(), false);
+  const auto d = static_cast<int>(U.cols());
+  // Columns are alike unless vertices are held in single components.
+  const int groups = constraints.has_components() ? d : 1;
+  std::vector<std::vector<bool>> held(groups, std::vector<bool>(constraints.vertex_count(), false));
   for (const auto& fixed : constraints.fixed()) {
-    result.row(fixed.vertex) = fixed.value;
-    held[fixed.vertex] = true;
+    for (int c = 0; c < d; ++c) {
+      if (!fixed.holds(c)) continue;
+      result(fixed.vertex, c) = fixed.value[c];
+      held[groups == 1 ? 0 : c][fixed.vertex] = true;
+    }
   }
   const auto rows = static_cast<Index>(constraints.identified().size() + constraints.equalities().size());
   if (rows == 0) return result;
-  // min |change|^2 subject to A change = defect, on the vertices that are not fixed.
-  std::vector<Eigen::Triplet<double, Index>> triplets;
-  Eigen::MatrixXd defect = Eigen::MatrixXd::Zero(rows, U.cols());
-  Index row = 0;
-  const auto add = [&](Index vertex, double weight) {
-    defect.row(row) -= weight * result.row(vertex);
-    if (!held[vertex]) triplets.emplace_back(row, vertex, weight);
-  };
-  for (const auto& pair : constraints.identified()) {
-    add(pair.first, 1.0);
-    add(pair.second, -1.0);
-    ++row;
+  // min |change|^2 subject to A change = defect, on what is not fixed.
+  for (int group = 0; group < groups; ++group) {
+    const int first = groups == 1 ? 0 : group;
+    const int columns = groups == 1 ? d : 1;
+    std::vector<Eigen::Triplet<double, Index>> triplets;
+    Eigen::MatrixXd defect = Eigen::MatrixXd::Zero(rows, columns);
+    Index row = 0;
+    const auto add = [&](Index vertex, double weight) {
+      defect.row(row) -= weight * result.row(vertex).segment(first, columns);
+      if (!held[group][vertex]) triplets.emplace_back(row, vertex, weight);
+    };
+    for (const auto& pair : constraints.identified()) {
+      add(pair.first, 1.0);
+      add(pair.second, -1.0);
+      ++row;
+    }
+    for (const auto& equality : constraints.equalities()) {
+      defect.row(row) += equality.value.segment(first, columns);
+      for (std::size_t i = 0; i < equality.vertices.size(); ++i) add(equality.vertices[i], equality.weights[i]);
+      ++row;
+    }
+    SparseMatrix A(rows, constraints.vertex_count());
+    A.setFromTriplets(triplets.begin(), triplets.end());
+    // Conjugate gradients do not mind constraints that say the same twice.
+    const SparseMatrix normal = A * SparseMatrix(A.transpose());
+    Eigen::ConjugateGradient<SparseMatrix, Eigen::Lower | Eigen::Upper, Eigen::IdentityPreconditioner> solver(normal);
+    solver.setTolerance(1e-15);
+    solver.setMaxIterations(10 * static_cast<Eigen::Index>(rows) + 100);
+    const Eigen::MatrixXd multipliers = solver.solve(defect);
+    const Eigen::MatrixXd change = A.transpose() * multipliers;
+    const double left = (A * change - defect).cwiseAbs().maxCoeff();
+    if (!(left <= 1e-10 * (1.0 + U.cwiseAbs().maxCoeff()))) {
+      throw SolverError(fmt::format("the hard constraints contradict each other: {:.3g} is left", left));
+    }
+    result.middleCols(first, columns) += change;
   }
-  for (const auto& equality : constraints.equalities()) {
-    defect.row(row) += equality.value;
-    for (std::size_t i = 0; i < equality.vertices.size(); ++i) add(equality.vertices[i], equality.weights[i]);
-    ++row;
-  }
-  SparseMatrix A(rows, constraints.vertex_count());
-  A.setFromTriplets(triplets.begin(), triplets.end());
-  // Conjugate gradients do not mind constraints that say the same twice.
-  const SparseMatrix normal = A * SparseMatrix(A.transpose());
-  Eigen::ConjugateGradient<SparseMatrix, Eigen::Lower | Eigen::Upper, Eigen::IdentityPreconditioner> solver(normal);
-  solver.setTolerance(1e-15);
-  solver.setMaxIterations(10 * static_cast<Eigen::Index>(rows) + 100);
-  const Eigen::MatrixXd multipliers = solver.solve(defect);
-  const Eigen::MatrixXd change = A.transpose() * multipliers;
-  const double left = (A * change - defect).cwiseAbs().maxCoeff();
-  if (!(left <= 1e-10 * (1.0 + U.cwiseAbs().maxCoeff()))) {
-    throw SolverError(fmt::format("the hard constraints contradict each other: {:.3g} is left", left));
-  }
-  result += change;
   return result;
 }
 

@@ -16,7 +16,10 @@ class Constraints {
   struct Value {
     Index vertex;
     Eigen::RowVectorXd value;
-    double weight = 0.0;  ///< soft only; 0: the default weight
+    double weight = 0.0;             ///< soft only; 0: the default weight
+    std::vector<bool> components{};  ///< fixed only: which are held; empty: all
+
+    bool holds(int component) const { return components.empty() || components[component]; }
   };
   struct Equality {
     std::vector<Index> vertices;
@@ -32,6 +35,10 @@ class Constraints {
 
   /// Hard: u_vertex = value exactly (eliminated). The same value twice is no error; another value is.
   void fix(Index vertex, const Eigen::RowVectorXd& value);
+  /// Hard: holds only the components that are marked, one flag per component, at least one of them set; the others stay
+  /// free (a roller), and the entries of value there are of no meaning, but finite. A vertex that is fixed already must
+  /// have the same marks and values. For energies that solve for all coordinates of a vertex together.
+  void fix(Index vertex, const Eigen::RowVectorXd& value, const std::vector<bool>& components);
   /// Soft: adds weight |u_vertex - value|^2. Weight 0 asks for the default of Problem, 1e3 times the mean diagonal
   /// entry of the matrix. Throws DataError for negative weights.
   void attract(Index vertex, const Eigen::RowVectorXd& value, double weight = 0.0);
@@ -48,17 +55,23 @@ class Constraints {
   const std::vector<Identification>& identified() const { return identified_; }
   const std::vector<Equality>& equalities() const { return equalities_; }
 
-  /// New values for the hard constraints, in the order of fixed(); the set of vertices stays.
+  /// Whether some vertex is held in single components.
+  bool has_components() const { return has_components_; }
+
+  /// New values for the hard constraints, in the order of fixed(); the set of vertices and components stays.
   void set_fixed_values(const Matrix& values);
+  /// New values for the linear equalities, in the order of equalities(); vertices and weights stay.
+  void set_equality_values(const Matrix& values);
 
  private:
   void check_vertex(Index vertex) const;
-  void check_value(Index vertex, const Eigen::RowVectorXd& value) const;
+  void check_value(Index vertex, const Eigen::Ref<const Eigen::RowVectorXd>& value) const;
 
   Index vertex_count_;
   int dimension_;
   std::vector<Value> fixed_;
   std::vector<Index> fixed_index_;  // vertex -> position in fixed_, -1
+  bool has_components_ = false;
   std::vector<Value> soft_;
   std::vector<Identification> identified_;
   std::vector<Equality> equalities_;
@@ -76,7 +89,8 @@ Matrix closest_feasible(const Constraints& constraints, const Matrix& U);
 class Reduction {
  public:
   /// unknowns per vertex (1 or d): whether the columns of U are solved for together. Throws DataError when identified
-  /// vertices are fixed at different values (so do the functions that use the values, which may have changed).
+  /// vertices are fixed at different values (so do the functions that use the values, which may have changed),
+  /// UsageError for vertices held in single components where the columns are not solved for together.
   Reduction(const SparseMatrix& H, const Constraints& constraints, int unknowns);
 
   /// Unknowns left to solve for, without multipliers.
@@ -94,8 +108,13 @@ class Reduction {
 
   /// Right-hand side for g (unknown_count x columns) and the current values of the constraints.
   Eigen::MatrixXd right_hand_side(const SparseMatrix& H, const Matrix& g, const Constraints& constraints) const;
+  /// The same in place; allocates nothing when called again with the same sizes.
+  void right_hand_side(const SparseMatrix& H, const Matrix& g, const Constraints& constraints,
+                       Eigen::MatrixXd& result) const;
   /// Unknowns X (unknown_count x columns) from the solution of K Y = rhs.
   Matrix expand(const Eigen::MatrixXd& Y, const Constraints& constraints, Eigen::Index columns) const;
+  /// The same in place: X has its size.
+  void expand(const Eigen::MatrixXd& Y, const Constraints& constraints, Matrix& X) const;
 
   /// Z as a sparse matrix (unknown_count x free_count): for least-squares backends.
   SparseMatrix elimination() const;
@@ -108,6 +127,7 @@ class Reduction {
 
  private:
   void check_fixed_pairs(const Constraints& constraints) const;
+  void set_fixed_part(const Constraints& constraints, Matrix& X) const;  // other rows stay
   double soft_weight(const Constraints::Value& soft) const { return soft.weight > 0.0 ? soft.weight : default_weight_; }
 
   // Consecutive entries of H that become consecutive entries of K.
@@ -128,14 +148,28 @@ class Reduction {
     Index fixed;
   };
 
+  // An unknown and the constraint that fixes it; component: of the value, -1 for all (one unknown per vertex).
+  struct FixedUnknown {
+    Index unknown;
+    Index constraint;
+    int component;
+  };
+  // Constraints that fix the same unknown of identified vertices.
+  struct FixedPair {
+    Index first;
+    Index second;
+    int component;
+  };
+
   int unknowns_;
   Index unknown_count_;
   Index free_count_ = 0;
   Index multiplier_count_ = 0;
   double default_weight_ = 0.0;
-  IndexVector target_;                                   // unknown -> y, or -1 when fixed
-  std::vector<std::pair<Index, Index>> fixed_vertices_;  // vertex and the constraint that fixes it
-  std::vector<std::pair<Index, Index>> fixed_pairs_;     // constraints whose vertices are identified
+  IndexVector target_;  // unknown -> y, or -1 when fixed
+  std::vector<FixedUnknown> fixed_unknowns_;
+  std::vector<FixedPair> fixed_pairs_;
+  mutable Matrix fixed_values_;  // scratch of right_hand_side: unknown_count x columns
   std::vector<Run> runs_;
   std::vector<Addition> additions_;
   std::vector<Coupling> couplings_;

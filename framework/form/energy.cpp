@@ -17,7 +17,17 @@ Index Energy::refresh_target(const Domain&, const Matrix&, Form&) const { return
 
 Matrix Energy::frames(const Domain&) const { return {}; }
 
-std::optional<Term> Energy::regularizer(const Domain&) const { return std::nullopt; }
+std::optional<Term> Energy::regularizer(const Domain&, const NormOptions&) const { return std::nullopt; }
+
+void Energy::refresh_regularizer(const Domain&, Form&) const {
+  throw UsageError("an energy with a regularizer of its own must implement refresh_regularizer");
+}
+
+Kernel blended_kernel(const EnergyTraits& traits, double beta) {
+  if (beta == 0.0) return traits.kernel;
+  if (beta == 1.0 || traits.kernel == Kernel::other) return traits.regularizer_kernel;
+  return traits.kernel;
+}
 
 bool CellEnergy::target(const Domain&, Index, const Matrix&, Eigen::Ref<Eigen::MatrixXd> c) const {
   c.setZero();

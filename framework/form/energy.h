@@ -40,6 +40,7 @@ struct EnergyTraits {
   int unknowns = 1;   ///< per vertex in one linear system: d if the coordinates are coupled, 1 if they decouple
   int columns = 1;    ///< coordinates solved for with the same operator: 1 if coupled, d if they decouple
   Kernel kernel = Kernel::other;
+  Kernel regularizer_kernel = Kernel::other;  ///< of the energy's own regularizer, where it brings one
   Gauge gauge = Gauge::world;
   StateDependence state = StateDependence::none;
   Support support = Support::cells;
@@ -73,9 +74,19 @@ class Energy {
   virtual Matrix frames(const Domain& domain) const;
 
   /// Extension point: a regularizer of the energy's own, a term with weights ||E_S u - c_S||^2_B in place of the W_n
-  /// norm. The problem becomes (1-beta) ||E u - c||^2_A + beta times this term. Most energies have none.
-  virtual std::optional<Term> regularizer(const Domain& domain) const;
+  /// norm. The problem becomes (1-beta) ||E u - c||^2_A + beta times this term, and beta may be 1. Most energies have
+  /// none. B must follow the domain by its own Norm::refresh: variation_norm with beta = 1, say, or a diagonal_norm of
+  /// ones and weights in the rows of E_S. Of `norm` the facet weight may matter.
+  virtual std::optional<Term> regularizer(const Domain& domain, const NormOptions& norm) const;
+
+  /// New values of E_S (and c_S) for a domain whose positions moved, in the form of that term, in place. Energies with
+  /// a regularizer must implement it.
+  virtual void refresh_regularizer(const Domain& domain, Form& form) const;
 };
+
+/// The kernel of (1-beta) times an energy plus beta times its own regularizer, for 0 <= beta <= 1: the kernel of both
+/// terms where they are blended, which must be declared by one of them to be known.
+Kernel blended_kernel(const EnergyTraits& traits, double beta);
 
 /// Energy with one residual per cell whose operator is local to it.
 class CellEnergy : public Energy {

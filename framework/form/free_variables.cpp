@@ -19,7 +19,7 @@ SparseMatrix uncoupled(Index size) {
 // The constraints that Reduction eliminates.
 Constraints without_equalities(const Constraints& constraints) {
   Constraints rest(constraints.vertex_count(), constraints.dimension());
-  for (const auto& fixed : constraints.fixed()) rest.fix(fixed.vertex, fixed.value);
+  for (const auto& fixed : constraints.fixed()) rest.fix(fixed.vertex, fixed.value, fixed.components);
   for (const auto& pair : constraints.identified()) rest.identify(pair.first, pair.second);
   return rest;
 }

@@ -32,7 +32,6 @@ class CellNorm final : public Norm {
   // plain: the factor of A, 1 - beta for the whole norm.
   CellNorm(const Domain& domain, const NormOptions& options, const Matrix& frames, double plain)
       : options_(options), plain_(plain) {
-    check_beta(options.beta);
     links_ = options.beta > 0.0 ? domain.facet_cells() : IndexMatrix(0, 2);
     if (frames.size() > 0) set_transports(domain, frames);
     build_adjacency(domain.cell_count());
@@ -46,7 +45,8 @@ class CellNorm final : public Norm {
       link_weights_.resize(0);
       return;
     }
-    link_weights_ = -options_.beta * facet_weights(domain, options_.facet_weight);
+    facet_weights(domain, options_.facet_weight, link_weights_);
+    link_weights_ *= -options_.beta;
     for (Index f = 0; f < link_count(); ++f) {
       diagonal_[links_(f, 0)] -= link_weights_[f];
       diagonal_[links_(f, 1)] -= link_weights_[f];
@@ -243,9 +243,15 @@ FacetWeight facet_weight_from(const std::string& name) {
 }
 
 Vector facet_weights(const Domain& domain, FacetWeight weight) {
+  Vector b;
+  facet_weights(domain, weight, b);
+  return b;
+}
+
+void facet_weights(const Domain& domain, FacetWeight weight, Vector& b) {
   const double m = domain.intrinsic_dimension();
   const double sigma = std::pow(domain.total_measure(), 1.0 / m);
-  Vector b = domain.facet_measures();
+  b = domain.facet_measures();
   if (weight == FacetWeight::facet_measure_unit) b *= sigma;
   if (weight == FacetWeight::finite_volume) {
     for (Index f = 0; f < domain.facet_count(); ++f) {
@@ -255,7 +261,6 @@ Vector facet_weights(const Domain& domain, FacetWeight weight) {
       b[f] *= sigma * sigma / h;
     }
   }
-  return b;
 }
 
 double residual_variation(const Domain& domain, FacetWeight weight, const Matrix& R) {
@@ -266,10 +271,14 @@ double residual_variation(const Domain& domain, FacetWeight weight, const Matrix
 }
 
 std::unique_ptr<Norm> cell_norm(const Domain& domain, const NormOptions& options, const Matrix& frames) {
+  check_beta(options.beta);
   return std::make_unique<CellNorm>(domain, options, frames, 1.0 - options.beta);
 }
 
 std::unique_ptr<Norm> variation_norm(const Domain& domain, const NormOptions& options, const Matrix& frames) {
+  if (!(options.beta >= 0.0 && options.beta <= 1.0)) {
+    throw UsageError(fmt::format("norm: beta = {}: expected a value in [0, 1]", options.beta));
+  }
   return std::make_unique<CellNorm>(domain, options, frames, 0.0);
 }
 

@@ -54,7 +54,7 @@ class Norm {
   /// gauge.
   const Matrix& transports() const { return transports_; }
 
-  /// Recomputes the weights on the same connectivity; allocates nothing.
+  /// Recomputes the weights on the same connectivity; allocates nothing (but for vertex_norm).
   virtual void refresh(const Domain& domain) = 0;
 
   /// A root S of W over the sites (S'S = W), rows x sites, row-major: the rows of the stacked least-squares form. In a
@@ -106,7 +106,7 @@ enum class Regularizer {
 
 /// What a config's [norm] section says.
 struct NormOptions {
-  double beta = 0.0;  ///< regularization weight in [0, 1)
+  double beta = 0.0;  ///< regularization weight in [0, 1); 1 where the energy brings a regularizer of its own
   FacetWeight facet_weight = FacetWeight::facet_measure;
   Regularizer regularizer =
       Regularizer::energy_smoothness;  ///< looked at by Problem; cell_norm and vertex_norm ignore it
@@ -119,7 +119,7 @@ struct NormOptions {
 /// the left. Throws UsageError when beta is not in [0, 1), or frames do not fit.
 std::unique_ptr<Norm> cell_norm(const Domain& domain, const NormOptions& options, const Matrix& frames = {});
 
-/// The part of cell_norm that beta weighs, beta Q' B Q: semi-definite, zero for constant residuals.
+/// The part of cell_norm that beta weighs, beta Q' B Q: semi-definite, zero for constant residuals. beta may be 1 here.
 std::unique_ptr<Norm> variation_norm(const Domain& domain, const NormOptions& options, const Matrix& frames = {});
 
 /// The norm for residuals on vertices, linear in between: W = (1-beta) M + beta s L with the consistent mass matrix M
@@ -127,14 +127,17 @@ std::unique_ptr<Norm> variation_norm(const Domain& domain, const NormOptions& op
 /// published), sigma^2 for the two scale-invariant weights.
 std::unique_ptr<Norm> vertex_norm(const Domain& domain, const NormOptions& options);
 
-/// W = diag(weights): for residuals that bring their own weights. refresh keeps them.
+/// W = diag(weights): for residuals that bring their own weights, which do not follow the domain: refresh keeps them.
+/// (cell_norm with beta = 0 is the diagonal of the cell measures, which do.)
 std::unique_ptr<Norm> diagonal_norm(const Vector& weights);
 
-/// factor times a norm; the plain norm stays that of `norm` itself. For blends of two terms by beta.
+/// factor >= 0 times a norm; the plain norm stays that of `norm` itself. For blends of two terms by beta.
 std::unique_ptr<Norm> scaled_norm(std::unique_ptr<Norm> norm, double factor);
 
-/// b_f for every interior facet.
+/// b_f for every interior facet. The second form writes into a vector of the caller, without allocation when it has its
+/// size already.
 Vector facet_weights(const Domain& domain, FacetWeight weight);
+void facet_weights(const Domain& domain, FacetWeight weight, Vector& b);
 
 /// Variation of a residual field in world gauge (cells x anything), E_R = sum_f b_f |r_l - r_r|^2: what beta weighs,
 /// also where beta = 0.

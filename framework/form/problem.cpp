@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "framework/base/error.h"
+#include "framework/base/parallel.h"
 #include "framework/base/stopwatch.h"
 
 namespace variform {
@@ -26,45 +27,60 @@ Problem::Problem(const Domain& domain, const Energy& energy, const NormOptions& 
         fmt::format("problem: constraints on {} vertices in dimension {}, the energy has {} vertices in {}",
                     constraints_.vertex_count(), constraints_.dimension(), domain.vertex_count(), traits_.dimension()));
   }
-  check_norm();
+  if (traits_.unknowns == 1 && constraints_.has_components()) {
+    throw UsageError(
+        "problem: the energy solves for each coordinate separately, with one matrix; vertices cannot be held in single "
+        "components there");
+  }
   terms_ = declare_terms();
+  check_norm();
   times_.declare += watch.seconds();
 }
 
 void Problem::check_norm() const {
-  if (!(norm_.beta >= 0.0 && norm_.beta < 1.0)) {
-    throw UsageError(fmt::format("norm: beta = {}: expected a value in [0, 1)", norm_.beta));
-  }
-  // Tikhonov regularization sees everything but constants.
   EnergyTraits seen = traits_;
-  if (norm_.regularizer == Regularizer::tikhonov && norm_.beta > 0.0) seen.kernel = Kernel::constants;
+  seen.kernel = kernel();
   check_constraint_rank(domain_, constraints_, kernel_basis(seen, domain_), traits_.unknowns);
 }
 
+Kernel Problem::kernel() const {
+  if (norm_.beta == 0.0 || terms_.size() == 1) return traits_.kernel;
+  // Tikhonov regularization sees everything but constants.
+  return tikhonov() ? Kernel::constants : blended_kernel(traits_, norm_.beta);
+}
+
 std::vector<Term> Problem::declare_terms() const {
-  std::vector<Term> terms;
-  std::optional<Term> own = own_regularizer();
-  terms.push_back({energy_.declare(domain_), residual_norm(own.has_value())});
-  if (own) {
-    own->norm = scaled_norm(std::move(own->norm), norm_.beta);
-    terms.push_back(std::move(*own));
+  if (!(norm_.beta >= 0.0 && norm_.beta <= 1.0)) {
+    throw UsageError(fmt::format("norm: beta = {}: expected a value in [0, 1)", norm_.beta));
   }
+  std::vector<Term> terms;
+  std::optional<Term> second = second_term();
+  if (norm_.beta == 1.0 && (tikhonov() || !second)) {
+    throw UsageError(
+        "norm: beta = 1: expected a value in [0, 1); 1 is for energies that bring a regularizer of their own");
+  }
+  terms.push_back({energy_.declare(domain_), residual_norm(second.has_value())});
+  if (second) terms.push_back(std::move(*second));
   return terms;
 }
 
 void Problem::set_beta(double beta) {
   if (beta == norm_.beta) return;
   const double before = norm_.beta;
+  const Stopwatch watch;
   norm_.beta = beta;
   try {
+    const bool own = terms_.size() > 1 && !tikhonov();
+    if (!(beta >= 0.0 && (beta < 1.0 || (own && beta == 1.0)))) {
+      throw UsageError(fmt::format("norm: beta = {}: expected a value in [0, 1{}", beta, own ? "]" : ")"));
+    }
     check_norm();
   } catch (...) {
     norm_.beta = before;
     throw;
   }
-  const Stopwatch watch;
   terms_.front().norm = residual_norm(terms_.size() > 1);
-  if (terms_.size() > 1) terms_[1].norm = scaled_norm(std::move(own_regularizer()->norm), beta);
+  if (terms_.size() > 1) terms_[1].norm = std::move(second_term()->norm);
   if ((beta == 0.0) != (before == 0.0)) {
     assembly_.reset();
     reduction_.reset();
@@ -96,14 +112,31 @@ std::unique_ptr<Norm> Problem::variation_norm() const {
   return variform::variation_norm(domain_, norm_, turned ? energy_.frames(domain_) : Matrix());
 }
 
-std::optional<Term> Problem::own_regularizer() const {
-  if (norm_.regularizer == Regularizer::energy_smoothness) return energy_.regularizer(domain_);
+namespace {
+
+// The gradient of the solution for one cell, vec F_t = H_t u_t.
+void tikhonov_form(const Domain& domain, Form& form) {
+  parallel_for(domain.cell_count(), [&](Index t) { vectorised_gradient(domain, t, form.unknowns(), form.block(t)); });
+}
+
+}  // namespace
+
+std::optional<Term> Problem::second_term() const {
+  const auto blended = [&](Term term) {
+    term.norm = scaled_norm(std::move(term.norm), norm_.beta);
+    return term;
+  };
+  if (!tikhonov()) {
+    std::optional<Term> own = energy_.regularizer(domain_, norm_);
+    if (!own) return std::nullopt;
+    return blended(std::move(*own));
+  }
   // Tikhonov: the gradient of the solution itself, int |grad u|^2.
   const int p = domain_.ambient_dimension();
   const int d = traits_.unknowns;
   Form form(domain_.vertex_count(), domain_.cells(), p * d, d, traits_.columns);
-  for (Index t = 0; t < domain_.cell_count(); ++t) vectorised_gradient(domain_, t, d, form.block(t));
-  return Term{std::move(form), diagonal_norm(domain_.cell_measures())};
+  tikhonov_form(domain_, form);
+  return blended({std::move(form), cell_norm(domain_, {.beta = 0.0})});
 }
 
 void Problem::refresh_operator() {
@@ -115,9 +148,13 @@ void Problem::refresh_operator() {
     terms_.front().norm->refresh(domain_);
   }
   if (terms_.size() > 1) {
-    Term own = std::move(*own_regularizer());
-    own.norm = scaled_norm(std::move(own.norm), norm_.beta);
-    terms_[1] = std::move(own);
+    Term& second = terms_[1];
+    if (tikhonov()) {
+      tikhonov_form(domain_, second.form);
+    } else {
+      energy_.refresh_regularizer(domain_, second.form);
+    }
+    second.norm->refresh(domain_);
   }
   matrix_stale_ = targets_stale_ = true;
   target_state_.resize(0, 0);
@@ -153,8 +190,8 @@ void Problem::ensure_matrix() {
   assembly_->refill(terms_);
   default_soft_weight_ = reduction_->refill(assembly_->matrix(), constraints_);
   matrix_stale_ = false;
-  stacked_operator_.resize(0, 0);
-  factorized_in_ = nullptr;
+  if (stacked_operator_.cols() > 0) stacked_operator_.resize(0, 0);
+  factorized_in_ = 0;
   times_.refill += watch.seconds();
 }
 
@@ -185,7 +222,9 @@ void Problem::hold(Index vertex, const Eigen::RowVectorXd& value) {
   const bool seam = std::any_of(
       identified.begin(), identified.end(),
       [vertex](const Constraints::Identification& pair) { return pair.first == vertex || pair.second == vertex; });
-  if (reduction_->row_of(vertex, 0) < 0 || seam) {
+  bool constrained = seam;
+  for (int c = 0; c < traits_.unknowns; ++c) constrained = constrained || reduction_->row_of(vertex, c) < 0;
+  if (constrained) {
     throw UsageError(fmt::format("problem: vertex {} cannot be held, a constraint fixes or identifies it", vertex));
   }
   held_[vertex] = value;
@@ -226,6 +265,12 @@ void Problem::move_held_to_right(const SparseMatrix& K, Eigen::MatrixXd& right_h
 }
 
 Matrix Problem::solve(LinearBackend& backend) {
+  Matrix U;
+  solve(backend, U);
+  return U;
+}
+
+void Problem::solve(LinearBackend& backend, Matrix& U) {
   ensure_matrix();
   const bool least_squares = backend.capabilities().least_squares && !backend.capabilities().spd;
   if (least_squares && reduction_->indefinite()) {
@@ -233,10 +278,21 @@ Matrix Problem::solve(LinearBackend& backend) {
   }
   // A backend that failed last, changing its factorization perhaps, starts anew.
   const bool factorize =
-      factorized_in_ != &backend || factorization_ != backend.report().factorizations || !backend.report().ok;
+      factorized_in_ != backend.id() || factorization_ != backend.report().factorizations || !backend.report().ok;
+  const auto advised = [&](const auto& phase) {
+    try {
+      phase();
+    } catch (const SolverError& error) {
+      if (norm_.beta > 0.0 || terms_.size() == 1 || tikhonov()) throw;
+      throw SolverError(fmt::format(
+          "{}; beta = 0 leaves out the energy's own regularizer, which holds motions that the constraints may leave "
+          "free: take beta > 0",
+          error.what()));
+    }
+  };
   const Eigen::Index columns = traits_.columns;
-  SparseMatrix stacked;
-  Eigen::MatrixXd right_hand_side;
+  Eigen::MatrixXd& right_hand_side = right_hand_side_;
+  std::optional<SparseMatrix> stacked;
   if (least_squares) {
     // min |S E (Z y + x_fixed) - S c|, soft constraints as further rows.
     const Stopwatch watch;
@@ -256,39 +312,39 @@ Matrix Problem::solve(LinearBackend& backend) {
           triplets.emplace_back(static_cast<Index>(it.row()), j, it.value());
         }
       }
-      stacked.resize(rows + soft_rows, reduced.cols());
-      stacked.setFromTriplets(triplets.begin(), triplets.end());
+      stacked.emplace(rows + soft_rows, reduced.cols());
+      stacked->setFromTriplets(triplets.begin(), triplets.end());
     }
     times_.refill += watch.seconds();
   }
   if (factorize) {
     const int analyses = backend.report().analyses;
     if (least_squares) {
-      backend.factorize(stacked, MatrixKind::least_squares);
+      advised([&] { backend.factorize(*stacked, MatrixKind::least_squares); });
     } else {
       // A general LU solves definite systems too.
       const bool definite = !reduction_->indefinite() && backend.capabilities().spd;
       const Stopwatch watch;
       const SparseMatrix& K = thinned_.refill(reduction_->matrix());
       times_.refill += watch.seconds();
-      backend.factorize(K, definite ? MatrixKind::spd : MatrixKind::symmetric_indefinite);
+      advised([&] { backend.factorize(K, definite ? MatrixKind::spd : MatrixKind::symmetric_indefinite); });
     }
     if (backend.report().analyses != analyses) times_.analyze += backend.report().analyze_seconds;
     times_.factorize += backend.report().factorize_seconds;
-    factorized_in_ = &backend;
+    factorized_in_ = backend.id();
     factorization_ = backend.report().factorizations;
   }
   const Stopwatch watch;
   if (!held_.empty() || !held_rows_.empty()) hold_in(backend, factorize);
   if (!least_squares) {
-    right_hand_side = reduction_->right_hand_side(assembly_->matrix(), normal_right_hand_side(), constraints_);
+    reduction_->right_hand_side(assembly_->matrix(), normal_right_hand_side(), constraints_, right_hand_side);
   }
   if (!held_.empty()) move_held_to_right(reduction_->matrix(), right_hand_side);
-  const Eigen::MatrixXd Y = backend.solve(right_hand_side);
-  Matrix U = reduction_->expand(Y, constraints_, columns);
+  advised([&] { backend.solve(right_hand_side, solution_); });
+  U.resize(domain_.vertex_count() * traits_.unknowns, columns);  // no new memory if it has vertex values already
+  reduction_->expand(solution_, constraints_, U);
   U.resize(domain_.vertex_count(), traits_.dimension());  // the same memory: rows of vertices
   times_.solve += watch.seconds();
-  return U;
 }
 
 Matrix Problem::residual(const Matrix& U) const {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <optional>
@@ -37,15 +38,20 @@ struct ProblemTimes {
 /// ProblemObjective. Numeric factorization happens only when E, W or the set of constraints changed.
 class Problem {
  public:
-  /// The domain and energy must outlive the problem. Throws UsageError for energies that do not fit the domain or beta
-  /// out of range, DataError when the constraints leave part of the energy's kernel free.
+  /// The domain and energy must outlive the problem. Throws UsageError for energies that do not fit the domain, beta
+  /// out of range and vertices held in single components where the coordinates are solved for separately, DataError
+  /// when the constraints leave part of the energy's kernel free.
   Problem(const Domain& domain, const Energy& energy, const NormOptions& norm, Constraints constraints);
 
   const EnergyTraits& traits() const { return traits_; }
+  /// The motions that the regularized energy does not see, for the current beta; what the constraints must hold.
+  Kernel kernel() const;
   const Domain& domain() const { return domain_; }
   const Constraints& constraints() const { return constraints_; }
-  /// New values for the hard constraints, same vertices; no new factorization.
+  /// New values for the hard constraints, same vertices, and for linear equalities, same weights, as the functions of
+  /// Constraints; no new factorization.
   void set_fixed_values(const Matrix& values) { constraints_.set_fixed_values(values); }
+  void set_equality_values(const Matrix& values) { constraints_.set_equality_values(values); }
 
   /// Holds a vertex at a value, or lets it go again: a handle that comes, moves or goes without a new factorization,
   /// for solve() with a backend that can update its own (LinearCapabilities::update). The vertex must be free in the
@@ -66,7 +72,7 @@ class Problem {
   void set_beta(double beta);
   double beta() const { return norm_.beta; }
 
-  /// Re-declares E and W after the positions of the domain changed.
+  /// Re-declares E, W and the regularizers after the positions of the domain changed, in place.
   void refresh_operator();
   /// Re-declares c for the state U; returns how many sites kept their target because it is undefined there. Does
   /// nothing when c is of this state already.
@@ -80,6 +86,11 @@ class Problem {
   /// Minimizer for the current (E, c): |V| x d. Factorizes when needed; a least-squares backend gets the stacked form.
   /// Throws SolverError as LinearBackend does.
   Matrix solve(LinearBackend& backend);
+  /// The same into a matrix of the caller. With refresh_operator, set_fixed_values and set_equality_values it allocates
+  /// nothing from the second call on, but in the library behind the backend: a field evaluation on a shape that moves
+  /// is free of it. (Not so for least-squares backends, handles held by hold(), residuals on vertices and in cell
+  /// frames.)
+  void solve(LinearBackend& backend, Matrix& U);
 
   /// E, E_P, E_R and the penalty of soft constraints at U with the current targets. Without `variation`, E_R is NaN
   /// where beta = 0 leaves it out of E: it costs more than all else. E and E_P are infinite when the targets are of a
@@ -103,7 +114,9 @@ class Problem {
   friend class NewtonModel;
   // The norm of the energy's term: W_n, or (1-beta) times the plain one when another term is blended in.
   std::unique_ptr<Norm> residual_norm(bool blended) const;
-  std::optional<Term> own_regularizer() const;
+  // The second term: the energy's own regularizer, or Tikhonov's, its norm times beta.
+  std::optional<Term> second_term() const;
+  bool tikhonov() const { return norm_.regularizer == Regularizer::tikhonov; }
   // The part of W_n that beta weighs.
   std::unique_ptr<Norm> variation_norm() const;
   void check_norm() const;
@@ -128,13 +141,15 @@ class Problem {
   bool targets_stale_ = true;
   Matrix target_state_;  // that c is declared for; empty: none
   Index undefined_targets_ = 0;
-  const LinearBackend* factorized_in_ = nullptr;
-  int factorization_ = -1;  // of that backend: another user may have factorized something else since
+  std::uint64_t factorized_in_ = 0;  // id of the backend; 0: none
+  int factorization_ = -1;           // of that backend: another user may have factorized something else since
   double default_soft_weight_ = 0.0;
   std::map<Index, Eigen::RowVectorXd> held_;  // vertices and their values
   std::set<Index> held_rows_;                 // of K, in factorized_in_
-  mutable Matrix residual_;                   // scratch of value()
-  mutable std::unique_ptr<Norm> half_norm_;   // W_n at beta = 1/2, see half_norm()
+  Eigen::MatrixXd right_hand_side_;           // scratch of solve()
+  Eigen::MatrixXd solution_;
+  mutable Matrix residual_;                  // scratch of value()
+  mutable std::unique_ptr<Norm> half_norm_;  // W_n at beta = 1/2, see half_norm()
   ProblemTimes times_;
 };
 

@@ -48,7 +48,7 @@ void ThinnedMatrix::choose(const SparseMatrix& K) {
     return count;
   });
   if (!(share >= kWorthwhile * static_cast<double>(K.nonZeros())) || share == 0.0) {
-    matrix_.resize(0, 0);
+    if (matrix_.cols() > 0) matrix_.resize(0, 0);
     return;
   }
   dropped_.reserve(static_cast<std::size_t>(share));

@@ -228,6 +228,12 @@ void LinearBackend::change_held(const std::vector<Index>& unknowns, bool hold) {
 }
 
 Eigen::MatrixXd LinearBackend::solve(const Eigen::MatrixXd& B) {
+  Eigen::MatrixXd X;
+  solve(B, X);
+  return X;
+}
+
+void LinearBackend::solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) {
   if (!factorized_) fail("solve before factorize");
   if (B.rows() != matrix_.rows()) {
     throw UsageError(fmt::format("linear backend '{}': {} rows on the right-hand side, the matrix has {}",
@@ -235,10 +241,10 @@ Eigen::MatrixXd LinearBackend::solve(const Eigen::MatrixXd& B) {
   }
   report_.iterations = 0;
   report_.residual_history.clear();
-  Eigen::MatrixXd X(matrix_.cols(), 0);
+  X.resize(matrix_.cols(), B.cols());
   report_.solve_seconds = run([&] {
     if (!B.allFinite()) fail("the right-hand side holds values that are not finite");
-    X = B.cols() > 0 && matrix_.cols() > 0 ? do_solve(B) : Eigen::MatrixXd(matrix_.cols(), B.cols());
+    if (X.size() > 0) do_solve(B, X);
   });
   ++report_.solves;
   run([&] {
@@ -251,7 +257,6 @@ Eigen::MatrixXd LinearBackend::solve(const Eigen::MatrixXd& B) {
     }
   });
   report_.ok = true;
-  return X;
 }
 
 namespace {
@@ -259,11 +264,13 @@ namespace {
 // |A X - B| (Frobenius) for the lower triangle of a symmetric A, reading A once for all columns of at most Width.
 template <int Width>
 double squared_residual(const SparseMatrix& A, const Eigen::Ref<const Eigen::MatrixXd>& X,
-                        const Eigen::Ref<const Eigen::MatrixXd>& B) {
+                        const Eigen::Ref<const Eigen::MatrixXd>& B, double* scratch) {
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Width, Width == 1 ? Eigen::ColMajor : Eigen::RowMajor>;
   using Row = Eigen::Array<double, 1, Width>;
-  const Rows x = X;
-  Rows r = -B;
+  Eigen::Map<Rows> x(scratch, X.rows(), X.cols());
+  Eigen::Map<Rows> r(scratch + X.size(), X.rows(), X.cols());
+  x = X;
+  r = -B;
   for (Index j = 0; j < A.cols(); ++j) {
     const Row xj = x.row(j).array();
     Row sum = Row::Zero();
@@ -278,7 +285,8 @@ double squared_residual(const SparseMatrix& A, const Eigen::Ref<const Eigen::Mat
   return r.squaredNorm();
 }
 
-double symmetric_residual(const SparseMatrix& A, const Eigen::MatrixXd& X, const Eigen::MatrixXd& B) {
+double symmetric_residual(const SparseMatrix& A, const Eigen::MatrixXd& X, const Eigen::MatrixXd& B, Vector& scratch) {
+  scratch.resize(2 * X.rows() * std::min<Eigen::Index>(X.cols(), 8));
   double sum = 0.0;
   for (Eigen::Index first = 0; first < B.cols();) {
     const Eigen::Index left = B.cols() - first;
@@ -286,11 +294,11 @@ double symmetric_residual(const SparseMatrix& A, const Eigen::MatrixXd& X, const
     const auto x = X.middleCols(first, width);
     const auto b = B.middleCols(first, width);
     switch (width) {
-      case 1: sum += squared_residual<1>(A, x, b); break;
-      case 2: sum += squared_residual<2>(A, x, b); break;
-      case 3: sum += squared_residual<3>(A, x, b); break;
-      case 4: sum += squared_residual<4>(A, x, b); break;
-      default: sum += squared_residual<8>(A, x, b);
+      case 1: sum += squared_residual<1>(A, x, b, scratch.data()); break;
+      case 2: sum += squared_residual<2>(A, x, b, scratch.data()); break;
+      case 3: sum += squared_residual<3>(A, x, b, scratch.data()); break;
+      case 4: sum += squared_residual<4>(A, x, b, scratch.data()); break;
+      default: sum += squared_residual<8>(A, x, b, scratch.data());
     }
     first += width;
   }
@@ -299,7 +307,7 @@ double symmetric_residual(const SparseMatrix& A, const Eigen::MatrixXd& X, const
 
 }  // namespace
 
-double LinearBackend::relative_residual(const Eigen::MatrixXd& X, const Eigen::MatrixXd& B) const {
+double LinearBackend::relative_residual(const Eigen::MatrixXd& X, const Eigen::MatrixXd& B) {
   if (matrix_.cols() == 0 || B.cols() == 0) return 0.0;
   const auto ratio = [](double numerator, double denominator) {
     return denominator > 0.0 ? numerator / denominator : numerator;
@@ -310,7 +318,7 @@ double LinearBackend::relative_residual(const Eigen::MatrixXd& X, const Eigen::M
       return ratio((matrix_.transpose() * residual).norm(), matrix_.norm() * B.norm());
     }
     case MatrixKind::general: return ratio((matrix_ * X - B).norm(), B.norm());
-    default: return ratio(symmetric_residual(matrix_, X, B), B.norm());
+    default: return ratio(symmetric_residual(matrix_, X, B, scratch_), B.norm());
   }
 }
 

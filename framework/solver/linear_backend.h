@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -78,6 +79,11 @@ struct LinearReport {
 class LinearBackend {
  public:
   virtual ~LinearBackend() = default;
+  LinearBackend(const LinearBackend&) = delete;
+  LinearBackend& operator=(const LinearBackend&) = delete;
+
+  /// A number that no other backend of this process has or had, never 0: says whose a factorization is.
+  std::uint64_t id() const { return id_; }
 
   virtual LinearCapabilities capabilities() const = 0;
 
@@ -95,6 +101,9 @@ class LinearBackend {
   /// Throws SolverError without a factorization, when an iteration does not converge, or when the residual exceeds
   /// residual_limit, or B holds a value that is not finite; UsageError when the rows of B do not fit.
   Eigen::MatrixXd solve(const Eigen::MatrixXd& B);
+  /// The same into a matrix of the caller; allocates nothing when X has its size already, but for what the library
+  /// behind the backend allocates.
+  void solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X);
 
   /// Changes the factorization into the one of A + C C' (sign 1) or A - C C' (sign -1): C is rows x few columns,
   /// compressed. Costs about as much as the columns of the factor that C reaches, far less than a factorization.
@@ -118,7 +127,8 @@ class LinearBackend {
 
   virtual void do_analyze() = 0;    ///< of matrix(), values arbitrary; may set ordering, nnz_factor, flops
   virtual void do_factorize() = 0;  ///< of matrix()
-  virtual Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) = 0;  ///< may set iterations, residual_history, reason
+  /// X has its size, its values are arbitrary; may set iterations, residual_history, reason.
+  virtual void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) = 0;
 
   using SparseRow = std::vector<std::pair<Index, double>>;  ///< column and value
 
@@ -141,7 +151,12 @@ class LinearBackend {
   double run(const Phase& phase);
   void check_update(const std::string& what) const;
   void change_held(const std::vector<Index>& unknowns, bool hold);
-  double relative_residual(const Eigen::MatrixXd& X, const Eigen::MatrixXd& B) const;
+  double relative_residual(const Eigen::MatrixXd& X, const Eigen::MatrixXd& B);
+
+  std::uint64_t id_ = [] {
+    static std::atomic<std::uint64_t> last{0};
+    return ++last;
+  }();
 
   SparseMatrix matrix_;
   MatrixKind kind_ = MatrixKind::spd;
@@ -150,6 +165,7 @@ class LinearBackend {
   bool factorized_ = false;
   std::vector<bool> held_;  // empty: none
   Vector free_values_;      // of the matrix while unknowns are held
+  Vector scratch_;          // of the residual check
   LinearReport report_;
 };
 

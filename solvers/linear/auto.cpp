@@ -55,10 +55,9 @@ class AutoBackend final : public LinearBackend {
     adopt_report();
   }
 
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override {
-    Eigen::MatrixXd X = chosen_->solve(B);
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override {
+    chosen_->solve(B, X);
     adopt_report();
-    return X;
   }
 
   void adopt_report() {

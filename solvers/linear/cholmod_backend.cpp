@@ -212,10 +212,9 @@ class CholmodBackend final : public LinearBackend {
 
   // Right-hand sides in two halves at a time: a few columns are bound by one core, not by memory. The halves do not
   // depend on the number of threads, so neither do the bits of the solution.
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override {
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override {
     prepare_factor(B.cols());
     const Eigen::Index split = (B.cols() + 1) / 2;
-    Eigen::MatrixXd X(B.rows(), B.cols());
     std::array<std::string, 2> errors;
     const auto solve_half = [&](int half) {
       const Eigen::Index from = half == 0 ? 0 : split;
@@ -233,7 +232,6 @@ class CholmodBackend final : public LinearBackend {
     parallel_for(
         2, [&](Index half) { solve_half(half); }, 1);
     for (const std::string& error : errors) refuse("solve", error);
-    return X;
   }
 
   void check(const char* phase) {

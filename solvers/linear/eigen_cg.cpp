@@ -69,8 +69,7 @@ class ConjugateGradients final : public LinearBackend {
     }
   }
 
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override {
-    Eigen::MatrixXd X(B.rows(), B.cols());
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override {
     const Index limit = options_.max_iterations > 0 ? options_.max_iterations : std::max<Index>(2 * matrix().cols(), 2);
     double largest = 0.0;
     for (Index j = 0; j < B.cols(); ++j) {
@@ -87,7 +86,6 @@ class ConjugateGradients final : public LinearBackend {
       }
     }
     mutable_report().reason = fmt::format("reached relative residual {:.3g}", largest);
-    return X;
   }
 
   /// Preconditioned conjugate gradients (Hestenes and Stiefel 1952) from 0; returns the relative residuals.

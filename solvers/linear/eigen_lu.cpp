@@ -35,7 +35,7 @@ class EigenLu final : public LinearBackend {
     mutable_report().peak_memory = (sizeof(double) + sizeof(Index)) * static_cast<double>(lu_.nnzL() + lu_.nnzU());
   }
 
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override { return lu_.solve(B); }
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override { X = lu_.solve(B); }
 
   FullMatrix full_;
   Eigen::SparseLU<SparseMatrix, Eigen::COLAMDOrdering<Index>> lu_;

@@ -59,7 +59,7 @@ class EigenQr final : public LinearBackend {
     mutable_report().peak_memory = qr_.bytes();
   }
 
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override { return qr_.solve(B); }
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override { X = qr_.solve(B); }
 
   FullMatrix full_;
   CountedQr qr_;

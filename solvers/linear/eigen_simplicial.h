@@ -62,7 +62,7 @@ class EigenSimplicial final : public LinearBackend {
         entry * (static_cast<double>(mutable_report().nnz_factor) + static_cast<double>(matrix().nonZeros()));
   }
 
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override { return factorization_.solve(B); }
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override { X = factorization_.solve(B); }
 
   Factorization factorization_;
 };

@@ -99,8 +99,8 @@ class PetscBackend final : public LinearBackend {
     if (levels >= 0.0) mutable_report().peak_memory = levels + matrix_.bytes();
   }
 
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override {
-    Eigen::MatrixXd X = Eigen::MatrixXd::Zero(matrix().cols(), B.cols());
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override {
+    X.setZero();
     LinearReport& report = mutable_report();
     for (Eigen::Index j = 0; j < B.cols(); ++j) {
       PetscInt iterations = 0;
@@ -132,7 +132,6 @@ class PetscBackend final : public LinearBackend {
       }
     }
     if (!std::exchange(checked_, true)) petsc::check_options_used(prefix_);
-    return X;
   }
 
   KrylovOptions options_;

@@ -63,16 +63,15 @@ class Spqr final : public LinearBackend {
     }
   }
 
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override {
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override {
     cholmod_dense right = cholmod_view(B);
     cholmod_dense* rotated = SuiteSparseQR_qmult<double>(SPQR_QTX, qr_, &right, common_.get());
     check("solve");
     cholmod_dense* solution = SuiteSparseQR_solve<double>(SPQR_RETX_EQUALS_B, qr_, rotated, common_.get());
     cholmod_l_free_dense(&rotated, common_.get());
     check("solve");
-    Eigen::MatrixXd X = eigen_view(*solution);
+    X = eigen_view(*solution);
     cholmod_l_free_dense(&solution, common_.get());
-    return X;
   }
 
   void check(const char* phase) {

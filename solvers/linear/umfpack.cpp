@@ -62,8 +62,7 @@ class Umfpack final : public LinearBackend {
     mutable_report().peak_memory = info_[UMFPACK_PEAK_MEMORY] * info_[UMFPACK_SIZE_OF_UNIT];
   }
 
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override {
-    Eigen::MatrixXd X(A_->cols(), B.cols());
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override {
     IndexVector indices(A_->rows());
     Vector work(5 * A_->rows());  // iterative refinement needs this much
     for (Index j = 0; j < B.cols(); ++j) {
@@ -71,7 +70,6 @@ class Umfpack final : public LinearBackend {
             umfpack_di_wsolve(UMFPACK_A, A_->outerIndexPtr(), A_->innerIndexPtr(), A_->valuePtr(), X.col(j).data(),
                               B.col(j).data(), numeric_, control_.data(), info_.data(), indices.data(), work.data()));
     }
-    return X;
   }
 
   void check(const char* phase, int status) const {

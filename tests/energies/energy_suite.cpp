@@ -48,27 +48,29 @@ Constraints wobbly_boundary(const Domain& domain, int d) {
 }
 
 void check_normal_equations(Problem& problem) {
-  const Term& term = problem.terms().front();
-  const SparseMatrix E = term.form.sparse_operator();
-  const Eigen::MatrixXd c = term.form.stacked_targets();
-  const int n = term.form.residuals();
   // E' W_n E by plain sparse products, component by component: W_n = I_n (x) W is never formed.
-  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(E.cols(), E.cols());
-  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(E.cols(), c.cols());
-  const SparseMatrix W = term.norm->matrix();
-  for (int i = 0; i < n; ++i) {
-    SparseMatrix E_i(term.form.site_count(), E.cols());
-    Eigen::MatrixXd c_i(term.form.site_count(), c.cols());
-    std::vector<Eigen::Triplet<double, Index>> triplets;
-    for (Index j = 0; j < E.outerSize(); ++j) {
-      for (SparseMatrix::InnerIterator it(E, j); it; ++it) {
-        if (it.row() % n == i) triplets.emplace_back(static_cast<Index>(it.row()) / n, j, it.value());
+  const Form& first = problem.terms().front().form;
+  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(first.unknown_count(), first.unknown_count());
+  Eigen::MatrixXd g = Eigen::MatrixXd::Zero(first.unknown_count(), first.columns());
+  for (const Term& term : problem.terms()) {
+    const SparseMatrix E = term.form.sparse_operator();
+    const Eigen::MatrixXd c = term.form.stacked_targets();
+    const int n = term.form.residuals();
+    const SparseMatrix W = term.norm->matrix();
+    for (int i = 0; i < n; ++i) {
+      SparseMatrix E_i(term.form.site_count(), E.cols());
+      Eigen::MatrixXd c_i(term.form.site_count(), c.cols());
+      std::vector<Eigen::Triplet<double, Index>> triplets;
+      for (Index j = 0; j < E.outerSize(); ++j) {
+        for (SparseMatrix::InnerIterator it(E, j); it; ++it) {
+          if (it.row() % n == i) triplets.emplace_back(static_cast<Index>(it.row()) / n, j, it.value());
+        }
       }
+      E_i.setFromTriplets(triplets.begin(), triplets.end());
+      for (Index s = 0; s < term.form.site_count(); ++s) c_i.row(s) = c.row(s * n + i);
+      H += Eigen::MatrixXd(E_i.transpose() * W * E_i);
+      g += E_i.transpose() * W * c_i;
     }
-    E_i.setFromTriplets(triplets.begin(), triplets.end());
-    for (Index s = 0; s < term.form.site_count(); ++s) c_i.row(s) = c.row(s * n + i);
-    H += Eigen::MatrixXd(E_i.transpose() * W * E_i);
-    g += E_i.transpose() * W * c_i;
   }
   const Eigen::MatrixXd assembled = dense_symmetric(problem.normal_matrix());
   EXPECT_LT((assembled - H).cwiseAbs().maxCoeff(), 1e-12 * H.cwiseAbs().maxCoeff());
@@ -118,7 +120,9 @@ void check_gradient(Problem& problem, const Domain& domain) {
 }
 
 void check_kernel(Problem& problem, const Domain& domain) {
-  const Eigen::MatrixXd basis = kernel_basis(problem.traits(), domain);
+  EnergyTraits seen = problem.traits();
+  seen.kernel = problem.kernel();
+  const Eigen::MatrixXd basis = kernel_basis(seen, domain);
   const Eigen::MatrixXd H = dense_symmetric(problem.normal_matrix());
   if (basis.cols() > 0) {
     EXPECT_LT((H * basis).cwiseAbs().maxCoeff(), 1e-11 * H.cwiseAbs().maxCoeff());
@@ -126,7 +130,7 @@ void check_kernel(Problem& problem, const Domain& domain) {
   const Vector eigenvalues = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues();
   const auto zeros = (eigenvalues.array() < 1e-11 * eigenvalues.maxCoeff()).count();
   EXPECT_GE(eigenvalues.minCoeff(), -1e-11 * eigenvalues.maxCoeff());
-  if (problem.traits().kernel != Kernel::other) {
+  if (problem.kernel() != Kernel::other) {
     EXPECT_EQ(zeros, basis.cols());
   }
 }
@@ -314,7 +318,9 @@ void check_energy(const std::string& label, const Energy& energy, const Domain& 
     if (dynamic_cast<const ProjectedEnergy*>(&energy) != nullptr) check_closest_targets(domain, energy);
     if (const auto* targets = dynamic_cast<const TargetEnergy*>(&energy)) check_target_function(domain, *targets);
   }
-  for (const double beta : {0.0, 0.3, 0.9}) {
+  std::vector<double> betas = {0.0, 0.3, 0.9};
+  if (traits.regularizer_kernel != Kernel::other) betas.push_back(1.0);
+  for (const double beta : betas) {
     for (const FacetWeight weight : kWeights) {
       SCOPED_TRACE(fmt::format("{} beta {} {}", label, beta, to_string(weight)));
       const NormOptions norm{beta, weight};
@@ -327,7 +333,9 @@ void check_energy(const std::string& label, const Energy& energy, const Domain& 
       check_stacked_form(problem, domain);
       check_gradient(problem, domain);
       check_kernel(problem, domain);
-      check_backends(domain, energy, norm);
+      // Alone, some energies leave motions free that only their own regularizer holds.
+      const bool solvable = traits.regularizer_kernel == Kernel::other || problem.kernel() != Kernel::other;
+      if (solvable) check_backends(domain, energy, norm);
       if (rest_is_minimal) {
         const Matrix rest = rest_values(domain, d);
         EXPECT_LT(problem.value(rest).total, 1e-24 * domain.total_measure() * domain.cell_count());

@@ -100,14 +100,24 @@ TEST(Poisson, PassesTheSuiteOnSurfacesOpenAndClosed) {
 class SelfRegularized final : public CellEnergy {
  public:
   EnergyTraits traits(const Domain&) const override {
-    return {.residuals = 2, .unknowns = 1, .columns = 1, .kernel = Kernel::constants};
+    return {.residuals = 2,
+            .unknowns = 1,
+            .columns = 1,
+            .kernel = Kernel::constants,
+            .regularizer_kernel = Kernel::constants};
   }
   void cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const override { E = domain.gradient(t); }
-  std::optional<Term> regularizer(const Domain& domain) const override {
-    // Difference of the values at the two ends of every interior facet.
+  std::optional<Term> regularizer(const Domain& domain, const NormOptions&) const override {
     Form form(domain.vertex_count(), domain.facet_vertices(), 1, 1, 1);
-    for (Index f = 0; f < domain.facet_count(); ++f) form.block(f) << 1.0, -1.0;
-    return Term{std::move(form), diagonal_norm(domain.facet_measures())};
+    refresh_regularizer(domain, form);
+    return Term{std::move(form), diagonal_norm(Vector::Ones(domain.facet_count()))};
+  }
+  // Difference of the values at the two ends of every interior facet, weighted by its measure.
+  void refresh_regularizer(const Domain& domain, Form& form) const override {
+    for (Index f = 0; f < domain.facet_count(); ++f) {
+      const double root = std::sqrt(domain.facet_measures()[f]);
+      form.block(f) << root, -root;
+    }
   }
 };
 

@@ -274,12 +274,16 @@ class SelfRegularized final : public CellEnergy {
     c.setConstant(std::sin(t));
     return true;
   }
-  std::optional<Term> regularizer(const Domain& domain) const override {
+  std::optional<Term> regularizer(const Domain& domain, const NormOptions&) const override {
     Form form(domain.vertex_count(), domain.facet_vertices(), 1, 1, 2);
+    refresh_regularizer(domain, form);
+    return Term{std::move(form), diagonal_norm(Vector::Ones(domain.facet_count()))};
+  }
+  void refresh_regularizer(const Domain& domain, Form& form) const override {
     for (Index f = 0; f < domain.facet_count(); ++f) {
-      form.block(f) << 1.0 / domain.facet_measures()[f], -1.0 / domain.facet_measures()[f];
+      const double root = 1.0 / std::sqrt(domain.facet_measures()[f]);
+      form.block(f) << root, -root;
     }
-    return Term{std::move(form), diagonal_norm(domain.facet_measures())};
   }
 };
 
@@ -496,7 +500,7 @@ class FailsOnce final : public LinearBackend {
  protected:
   void do_analyze() override {}
   void do_factorize() override { dense_ = testing::dense_symmetric(matrix()); }
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override { return dense_.llt().solve(B); }
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override { X = dense_.llt().solve(B); }
   void do_hold(Index unknown) override {
     if (!failed_) {
       failed_ = true;
