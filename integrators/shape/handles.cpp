@@ -662,11 +662,11 @@ MotionPointer bend(const SpacePoint& base, const SpacePoint& tip, const SpacePoi
 }
 
 MotionPointer linear_field(const Eigen::MatrixXd& A, const SpacePoint& b, const TimeInterval& time) {
-  return linear_field(std::vector<Eigen::MatrixXd>{A}, std::vector<SpacePoint>{b}, time);
+  return polynomial_field({A}, {b}, time);
 }
 
-MotionPointer linear_field(const std::vector<Eigen::MatrixXd>& A, const std::vector<SpacePoint>& b,
-                           const TimeInterval& time) {
+MotionPointer polynomial_field(const std::vector<Eigen::MatrixXd>& A, const std::vector<SpacePoint>& b,
+                               const TimeInterval& time) {
   if (A.empty() && b.empty()) throw UsageError("a linear field needs A or b");
   const auto d = static_cast<int>(A.empty() ? b.front().size() : A.front().rows());
   if (d != 2 && d != 3) throw UsageError(fmt::format("a linear field of {} coordinates; expected 2 or 3", d));

@@ -74,8 +74,8 @@ MotionPointer linear_field(const Eigen::MatrixXd& A, const SpacePoint& b, const 
 
 /// v = sum_k s^k (A[k] x + b[k]), s = t - time.start, for lists of any length, the shorter one continued by zeros; not
 /// both empty. No closed form unless both have at most one element.
-MotionPointer linear_field(const std::vector<Eigen::MatrixXd>& A, const std::vector<SpacePoint>& b,
-                           const TimeInterval& time);
+MotionPointer polynomial_field(const std::vector<Eigen::MatrixXd>& A, const std::vector<SpacePoint>& b,
+                               const TimeInterval& time);
 
 /// The same motion run backwards over another interval: what moved there is taken back, in the time that there is.
 MotionPointer reversed(MotionPointer motion, const TimeInterval& time);
