@@ -88,6 +88,13 @@ class VectorFieldEnergy final : public CellEnergy {
   /// New tensors in the places of the old ones, for shapes that move: see rotated_tensors.
   void set_tensors(const Matrix& tensors);
 
+  VectorFieldKind kind() const { return kind_; }
+  const Vector& parameter() const { return parameter_; }
+  const Matrix& tensors() const { return tensors_; }
+  Smoothness smoothness() const { return smoothness_; }
+  /// Of cell t in dimension p.
+  VectorFieldWeights weights_at(Index t, int p) const { return weights(t, trace(t, p)); }
+
   /// Throws UsageError when sizes do not fit the domain, or phi exceeds largest_phi there, naming the cell.
   EnergyTraits traits(const Domain& domain) const override;
   void cell(const Domain& domain, Index t, Eigen::Ref<Eigen::MatrixXd> E) const override;

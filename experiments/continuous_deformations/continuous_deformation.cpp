@@ -430,17 +430,8 @@ void run_continuous(const Config& config, const Scene& scene, Energy& energy, co
   row.set("evaluations", evaluations);
   row.set("evaluations_per_step", static_cast<double>(evaluations) / std::max(1, report.steps));
   row.set("drift", report.drift);
-  const Matrix places = handle_positions(scene.handles, domain.positions(), 0.0, report.time);
-  double handle_error = 0.0;
-  for (const Handle& handle : scene.handles) {
-    if (handle.motion && !handle.motion->closed_form()) continue;
-    for (const Index v : handle.vertices) {
-      for (int c = 0; c < domain.ambient_dimension(); ++c) {
-        if (handle.held[static_cast<std::size_t>(c)])
-          handle_error = std::max(handle_error, std::abs(X(v, c) - places(v, c)));
-      }
-    }
-  }
+  Vector placed = Eigen::Map<const Vector>(X.data(), X.size());
+  const double handle_error = flow.project(report.time, placed);
   row.set("handle_error", handle_error);
   row.set("handle_turn", integration.turned());
   Vector ignored(flow.size());
@@ -499,7 +490,7 @@ PointResult run(const Config& config, const Workspace& workspace) {
   if (velocities) {
     const Material material = load_material(tables(config, "material"), domain);
     carry = apply_material(root.at("energy"), material, domain, input.norm.gradient, energy);
-    if (input.norm.gradient) input.norm.options.beta = smoothing_beta(root.at("energy"), *energy, input.norm.alpha);
+    if (input.norm.gradient) input.norm.options.beta = smoothing_beta(*energy, domain, input.norm.alpha);
   }
   root.at("energy").at("type").located([&] { return energy->traits(domain); });
   const std::vector<Handle> handles = load_handles(tables(config, "handle"), loaded, input.end);

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <limits>
 #include <string>
 
@@ -104,6 +105,42 @@ Material load_material(const std::vector<ConfigNode>& nodes, const Domain& domai
     if (found == 0) node.fail("no cell has its centroid in the region");
   }
   return material;
+}
+
+std::function<void(const Matrix&)> apply_material(const ConfigNode& node, const Material& material,
+                                                  const Domain& domain, bool gradient,
+                                                  std::unique_ptr<Energy>& energy) {
+  const auto* const field = dynamic_cast<const VectorFieldEnergy*>(energy.get());
+  if (field == nullptr) {
+    if (gradient || material.phi.size() > 0 || material.tensors.size() > 0) {
+      node.at("type").fail("alpha and [[material]] are for akvf, metr, conf, auth and phi");
+    }
+    return {};
+  }
+  Vector parameter = field->parameter();
+  if (material.phi.size() > 0) {
+    if (field->kind() != VectorFieldKind::phi) node.at("type").fail("[[material]] with phi needs type = \"phi\"");
+    const double own = parameter[0];
+    parameter = material.phi.unaryExpr([own](double phi) { return std::isnan(phi) ? own : phi; });
+  }
+  // One tensor for all is carried along cell by cell.
+  Matrix tensors = material.tensors;
+  if (tensors.size() == 0 && field->tensors().size() > 0) tensors = field->tensors().replicate(domain.cell_count(), 1);
+  const Smoothness smoothness = gradient ? Smoothness::gradient : field->smoothness();
+  auto made =
+      node.located([&] { return std::make_unique<VectorFieldEnergy>(field->kind(), parameter, tensors, smoothness); });
+  VectorFieldEnergy* const carried = made.get();
+  energy = std::move(made);
+  if (tensors.size() == 0) return {};
+  return [carried, tensors, &domain](const Matrix& positions) {
+    carried->set_tensors(rotated_tensors(domain, positions, tensors));
+  };
+}
+
+double smoothing_beta(const Energy& energy, const Domain& domain, double alpha) {
+  const auto& field = dynamic_cast<const VectorFieldEnergy&>(energy);
+  const VectorFieldWeights weights = field.weights_at(0, domain.ambient_dimension());
+  return beta_from_alpha(alpha / std::hypot(weights.strain, weights.divergence));
 }
 
 }  // namespace variform

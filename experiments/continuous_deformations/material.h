@@ -31,4 +31,14 @@ void check_materials(const std::vector<ConfigNode>& nodes);
 /// Throws UsageError with the place for tables that do not fit the mesh.
 Material load_material(const std::vector<ConfigNode>& nodes, const Domain& domain);
 
+/// Puts a material and, if `gradient`, chapter 3's smoothness into an energy of velocity fields. Returns what carries
+/// its tensors along with the shape, to be called with the positions (|V| x p) before the energy is declared on them;
+/// empty without tensors. Throws UsageError naming the place for energies that have no material.
+std::function<void(const Matrix&)> apply_material(const ConfigNode& node, const Material& material,
+                                                  const Domain& domain, bool gradient, std::unique_ptr<Energy>& energy);
+
+/// beta of an energy with chapter 3's smoothness for alpha in the scaling (sin phi, cos phi) of its weights: their
+/// ratio is what matters to the energy itself, but alpha weighs their square.
+double smoothing_beta(const Energy& energy, const Domain& domain, double alpha);
+
 }  // namespace variform

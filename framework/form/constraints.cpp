@@ -100,6 +100,17 @@ void Constraints::set_fixed_values(const Matrix& values) {
   }
 }
 
+void Constraints::set_soft_values(const Matrix& values) {
+  if (values.rows() != static_cast<Eigen::Index>(soft_.size()) || values.cols() != dimension_) {
+    throw DataError(fmt::format("constraint: expected {} x {} values of soft constraints, got {} x {}", soft_.size(),
+                                dimension_, values.rows(), values.cols()));
+  }
+  for (std::size_t i = 0; i < soft_.size(); ++i) {
+    check_value(soft_[i].vertex, values.row(static_cast<Index>(i)));
+    soft_[i].value = values.row(static_cast<Index>(i));
+  }
+}
+
 void Constraints::set_equality_values(const Matrix& values) {
   if (values.rows() != static_cast<Eigen::Index>(equalities_.size()) || values.cols() != dimension_) {
     throw DataError(fmt::format("constraint: expected {} x {} values of linear equalities, got {} x {}",

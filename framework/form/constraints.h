@@ -60,6 +60,8 @@ class Constraints {
 
   /// New values for the hard constraints, in the order of fixed(); the set of vertices and components stays.
   void set_fixed_values(const Matrix& values);
+  /// New values for the soft constraints, in the order of soft().
+  void set_soft_values(const Matrix& values);
   /// New values for the linear equalities, in the order of equalities(); vertices and weights stay.
   void set_equality_values(const Matrix& values);
 

@@ -51,6 +51,7 @@ class Problem {
   /// New values for the hard constraints, same vertices, and for linear equalities, same weights, as the functions of
   /// Constraints; no new factorization.
   void set_fixed_values(const Matrix& values) { constraints_.set_fixed_values(values); }
+  void set_soft_values(const Matrix& values) { constraints_.set_soft_values(values); }
   void set_equality_values(const Matrix& values) { constraints_.set_equality_values(values); }
 
   /// Holds a vertex at a value, or lets it go again: a handle that comes, moves or goes without a new factorization,

@@ -44,10 +44,10 @@ void require_distinct_neighbours(const Matrix& points) {
   }
 }
 
-class Arc final : public Curve {
+class Arc final : public GuidanceCurve {
  public:
   Arc(const SpacePoint& from, const SpacePoint& centre, double angle, const SpacePoint& axis, const TimeInterval& time)
-      : Curve(static_cast<int>(from.size()), time), angle_(angle), arm_(from - centre) {
+      : GuidanceCurve(static_cast<int>(from.size()), time), angle_(angle), arm_(from - centre) {
     require_dimension(from.size());
     if (centre.size() != from.size() || !from.allFinite() || !centre.allFinite()) {
       throw UsageError("an arc needs two finite points of the same dimension");
@@ -89,10 +89,10 @@ class Arc final : public Curve {
   SpacePoint side_;  // the same, turned by a right angle
 };
 
-class Polynomial final : public Curve {
+class Polynomial final : public GuidanceCurve {
  public:
   Polynomial(Matrix coefficients, const TimeInterval& time)
-      : Curve(static_cast<int>(coefficients.cols()), time), coefficients_(std::move(coefficients)) {}
+      : GuidanceCurve(static_cast<int>(coefficients.cols()), time), coefficients_(std::move(coefficients)) {}
 
  private:
   CurvePoint at_share(double s) const override {
@@ -109,10 +109,10 @@ class Polynomial final : public Curve {
   Matrix coefficients_;
 };
 
-class Spline final : public Curve {
+class Spline final : public GuidanceCurve {
  public:
   Spline(const Matrix& points, const TimeInterval& time)
-      : Curve(static_cast<int>(points.cols()), time), points_(points), knots_(points.rows()) {
+      : GuidanceCurve(static_cast<int>(points.cols()), time), points_(points), knots_(points.rows()) {
     const Index n = static_cast<Index>(points.rows());
     knots_[0] = 0.0;
     for (Index k = 1; k < n; ++k) knots_[k] = knots_[k - 1] + std::sqrt((points.row(k) - points.row(k - 1)).norm());
@@ -168,9 +168,11 @@ void require_interval(const TimeInterval& time) {
   }
 }
 
-Curve::Curve(int dimension, const TimeInterval& time) : dimension_(dimension), time_(time) { require_interval(time); }
+GuidanceCurve::GuidanceCurve(int dimension, const TimeInterval& time) : dimension_(dimension), time_(time) {
+  require_interval(time);
+}
 
-CurvePoint Curve::at(double t) const {
+CurvePoint GuidanceCurve::at(double t) const {
   const double rate = 1.0 / time_.length();
   CurvePoint c = at_share(std::clamp((t - time_.start) * rate, 0.0, 1.0));
   c.velocity *= rate;
@@ -178,13 +180,13 @@ CurvePoint Curve::at(double t) const {
   return c;
 }
 
-std::vector<double> Curve::knots() const {
+std::vector<double> GuidanceCurve::knots() const {
   std::vector<double> times = knot_shares();
   for (double& t : times) t = time_.start + t * time_.length();
   return times;
 }
 
-std::unique_ptr<Curve> make_line(const Matrix& ends, const TimeInterval& time) {
+std::unique_ptr<GuidanceCurve> make_line(const Matrix& ends, const TimeInterval& time) {
   require_points(ends, 2);
   if (ends.rows() > 2) throw UsageError(fmt::format("a line has 2 points, got {}", ends.rows()));
   require_distinct_neighbours(ends);
@@ -193,17 +195,17 @@ std::unique_ptr<Curve> make_line(const Matrix& ends, const TimeInterval& time) {
   return std::make_unique<Polynomial>(std::move(coefficients), time);
 }
 
-std::unique_ptr<Curve> make_arc(const SpacePoint& from, const SpacePoint& centre, double angle, const SpacePoint& axis,
-                                const TimeInterval& time) {
+std::unique_ptr<GuidanceCurve> make_arc(const SpacePoint& from, const SpacePoint& centre, double angle,
+                                        const SpacePoint& axis, const TimeInterval& time) {
   return std::make_unique<Arc>(from, centre, angle, axis, time);
 }
 
-std::unique_ptr<Curve> make_polynomial(const Matrix& coefficients, const TimeInterval& time) {
+std::unique_ptr<GuidanceCurve> make_polynomial(const Matrix& coefficients, const TimeInterval& time) {
   require_points(coefficients, 2);
   return std::make_unique<Polynomial>(coefficients, time);
 }
 
-std::unique_ptr<Curve> make_parabola(const Matrix& points, const TimeInterval& time) {
+std::unique_ptr<GuidanceCurve> make_parabola(const Matrix& points, const TimeInterval& time) {
   require_points(points, 3);
   if (points.rows() > 3) throw UsageError(fmt::format("a parabola has 3 points, got {}", points.rows()));
   require_distinct_neighbours(points);
@@ -214,7 +216,7 @@ std::unique_ptr<Curve> make_parabola(const Matrix& points, const TimeInterval& t
   return std::make_unique<Polynomial>(std::move(coefficients), time);
 }
 
-std::unique_ptr<Curve> make_spline(const Matrix& points, const TimeInterval& time) {
+std::unique_ptr<GuidanceCurve> make_spline(const Matrix& points, const TimeInterval& time) {
   require_points(points, 2);
   require_distinct_neighbours(points);
   return std::make_unique<Spline>(points, time);

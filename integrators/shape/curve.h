@@ -31,9 +31,9 @@ struct CurvePoint {
 
 /// A guidance curve c(t) in the plane or in space, at least C^2 over its time interval (Martinez Esturo 2013, sec.
 /// 3.5.1; methods: continuous deformation, 3.4).
-class Curve {
+class GuidanceCurve {
  public:
-  virtual ~Curve() = default;
+  virtual ~GuidanceCurve() = default;
 
   int dimension() const { return dimension_; }
   const TimeInterval& time() const { return time_; }
@@ -45,7 +45,7 @@ class Curve {
   std::vector<double> knots() const;
 
  protected:
-  Curve(int dimension, const TimeInterval& time);
+  GuidanceCurve(int dimension, const TimeInterval& time);
 
   /// The same by the share s in [0, 1] of the interval that is over.
   virtual CurvePoint at_share(double s) const = 0;
@@ -60,22 +60,22 @@ class Curve {
 // coincides with the one before where two must differ, or how many are missing; and for intervals that are none.
 
 /// From the first to the second point with constant speed.
-std::unique_ptr<Curve> make_line(const Matrix& ends, const TimeInterval& time);
+std::unique_ptr<GuidanceCurve> make_line(const Matrix& ends, const TimeInterval& time);
 
 /// Circular arc from a point about a centre with constant speed, by `angle` (radians, counter-clockwise in the plane,
 /// about `axis` in space, where the arc lies in the plane across the axis). In the plane the axis is empty. Throws
 /// UsageError where the point lies on the axis.
-std::unique_ptr<Curve> make_arc(const SpacePoint& from, const SpacePoint& centre, double angle, const SpacePoint& axis,
-                                const TimeInterval& time);
+std::unique_ptr<GuidanceCurve> make_arc(const SpacePoint& from, const SpacePoint& centre, double angle,
+                                        const SpacePoint& axis, const TimeInterval& time);
 
 /// sum_k a_k s^k, s from 0 to 1 over the interval; row k holds a_k, at least two rows.
-std::unique_ptr<Curve> make_polynomial(const Matrix& coefficients, const TimeInterval& time);
+std::unique_ptr<GuidanceCurve> make_polynomial(const Matrix& coefficients, const TimeInterval& time);
 
 /// The parabola through three points at the start, the middle and the end of the interval.
-std::unique_ptr<Curve> make_parabola(const Matrix& points, const TimeInterval& time);
+std::unique_ptr<GuidanceCurve> make_parabola(const Matrix& points, const TimeInterval& time);
 
 /// Cubic C^2 spline through two or more points, the steps between its knots proportional to the square root of the
 /// distance of the points (centripetal), with natural ends: the second derivatives there are 0.
-std::unique_ptr<Curve> make_spline(const Matrix& points, const TimeInterval& time);
+std::unique_ptr<GuidanceCurve> make_spline(const Matrix& points, const TimeInterval& time);
 
 }  // namespace variform

@@ -121,7 +121,7 @@ class Turn {
 
 class Follow final : public IntervalMotion {
  public:
-  explicit Follow(std::shared_ptr<const Curve> curve)
+  explicit Follow(std::shared_ptr<const GuidanceCurve> curve)
       : IntervalMotion(curve->dimension(), curve->time()), curve_(std::move(curve)) {}
 
   bool depends_on_place() const override { return false; }
@@ -133,7 +133,7 @@ class Follow final : public IntervalMotion {
   }
   std::vector<double> interior_breaks() const override { return curve_->knots(); }
 
-  std::shared_ptr<const Curve> curve_;
+  std::shared_ptr<const GuidanceCurve> curve_;
 };
 
 /// Nodes and weights of Gauss's rule with 8 points on [0, 1], the upper half.
@@ -153,7 +153,7 @@ double integral(const Function& f, double a, double b) {
 
 class FollowOriented final : public IntervalMotion {
  public:
-  explicit FollowOriented(std::shared_ptr<const Curve> curve)
+  explicit FollowOriented(std::shared_ptr<const GuidanceCurve> curve)
       : IntervalMotion(curve->dimension(), curve->time()), curve_(std::move(curve)) {
     std::vector<double> ends = curve_->knots();
     ends.insert(ends.begin(), time().start);
@@ -261,7 +261,7 @@ class FollowOriented final : public IntervalMotion {
 
   std::vector<double> interior_breaks() const override { return curve_->knots(); }
 
-  std::shared_ptr<const Curve> curve_;
+  std::shared_ptr<const GuidanceCurve> curve_;
   std::vector<Node> nodes_;
 };
 
@@ -642,9 +642,9 @@ std::string name_of(const Handle& handle, std::size_t k) {
 
 }  // namespace
 
-MotionPointer follow(std::shared_ptr<const Curve> curve) { return std::make_shared<Follow>(std::move(curve)); }
+MotionPointer follow(std::shared_ptr<const GuidanceCurve> curve) { return std::make_shared<Follow>(std::move(curve)); }
 
-MotionPointer follow_oriented(std::shared_ptr<const Curve> curve) {
+MotionPointer follow_oriented(std::shared_ptr<const GuidanceCurve> curve) {
   return std::make_shared<FollowOriented>(std::move(curve));
 }
 

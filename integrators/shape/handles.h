@@ -46,7 +46,7 @@ using MotionPointer = std::shared_ptr<const Motion>;
 // Factories throw UsageError for values that are not finite, dimensions that do not match and intervals that are none.
 
 /// All points move as the curve does: v = c'. Position x0 + c(t) - c(t0).
-MotionPointer follow(std::shared_ptr<const Curve> curve);
+MotionPointer follow(std::shared_ptr<const GuidanceCurve> curve);
 
 /// The region also turns with the tangent of the curve: v = c' + w x (x - c), w = c' x c'' / |c'|^2, a rotation about
 /// the centre of curvature that goes over into a translation where the curve is straight. The rotation is that of a
@@ -54,7 +54,7 @@ MotionPointer follow(std::shared_ptr<const Curve> curve);
 /// plane; in space it carries tangent to tangent, and the angle about the tangent, the area between the tangents and an
 /// arc on the sphere, is an integral by Gauss's rule, to about 1e-13. Throws UsageError naming the time where c'
 /// vanishes or turns back: there is no tangent to follow.
-MotionPointer follow_oriented(std::shared_ptr<const Curve> curve);
+MotionPointer follow_oriented(std::shared_ptr<const GuidanceCurve> curve);
 
 /// Constant velocity.
 MotionPointer translate(const SpacePoint& velocity, const TimeInterval& time);

@@ -37,9 +37,9 @@ std::string message_of(const std::function<void()>& action) {
   return "no error";
 }
 
-std::vector<std::unique_ptr<Curve>> all_curves() {
+std::vector<std::unique_ptr<GuidanceCurve>> all_curves() {
   const TimeInterval time{0.5, 3.0};
-  std::vector<std::unique_ptr<Curve>> curves;
+  std::vector<std::unique_ptr<GuidanceCurve>> curves;
   curves.push_back(make_line(rows({{1.0, 2.0}, {3.0, -1.0}}), time));
   curves.push_back(make_arc(point({1.0, 0.0}), point({0.2, 0.3}), 2.5, {}, time));
   curves.push_back(make_arc(point({1.0, 0.0, 2.0}), point({0.2, 0.3, 0.1}), -4.0, point({1.0, 1.0, 0.5}), time));

@@ -40,10 +40,10 @@ std::string message_of(const std::function<void()>& action) {
   return "no error";
 }
 
-std::shared_ptr<const Curve> wave(const TimeInterval& time) {  // inflections and a straight end
+std::shared_ptr<const GuidanceCurve> wave(const TimeInterval& time) {  // inflections and a straight end
   return make_spline(rows({{0.0, 0.0}, {1.0, 1.0}, {2.0, -1.0}, {3.0, 0.0}, {4.0, 0.5}}), time);
 }
-std::shared_ptr<const Curve> knot(const TimeInterval& time) {
+std::shared_ptr<const GuidanceCurve> knot(const TimeInterval& time) {
   return make_spline(rows({{0.0, 0.0, 0.0}, {1.0, 1.0, 0.5}, {0.0, 2.0, 1.0}, {-1.0, 1.0, 2.0}, {0.5, 0.0, 2.5}}),
                      time);
 }
@@ -177,7 +177,7 @@ TEST(OrientedPath, EndsTurnedByTheAngleOfTheTangentAndAPlainPathUnturned) {
     // Three quarters of a turn: more than the angle between the tangents tells.
     const double angle = 1.5 * pi;
     const auto lift = [&](double x, double y) { return in_space ? point({x, y, 1.0}) : point({x, y}); };
-    const std::shared_ptr<const Curve> arc =
+    const std::shared_ptr<const GuidanceCurve> arc =
         make_arc(lift(1.0, 0.0), lift(0.0, 0.0), angle, in_space ? point({0.0, 0.0, 1.0}) : SpacePoint(), unit);
     const SpacePoint a = lift(1.2, 0.1);
     const SpacePoint b = lift(1.4, 0.1);
