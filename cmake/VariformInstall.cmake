@@ -3,7 +3,7 @@
 include(CMakePackageConfigHelpers)
 get_property(libraries GLOBAL PROPERTY VARIFORM_LIBRARIES)
 install(TARGETS ${libraries} EXPORT variformTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-foreach(target variform_suitesparse variform_ceres variform_nlopt variform_petsc variform_slepc variform_arpack)
+foreach(target variform_suitesparse variform_ceres variform_nlopt variform_petsc variform_slepc variform_arpack variform_sundials)
   if(TARGET ${target})
     install(TARGETS ${target} EXPORT variformTargets)
   endif()

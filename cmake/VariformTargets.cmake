@@ -37,11 +37,14 @@ function(variform_library NAME)
   set_property(GLOBAL APPEND PROPERTY VARIFORM_LIBRARIES variform_${NAME})
 endfunction()
 
-# variform_test(NAME LIBRARIES ...): one GoogleTest executable of every .cpp in folder NAME, its cases discovered by
-# CTest.
+# variform_test(NAME [FOLDER ...] LIBRARIES ...): one GoogleTest executable of every .cpp in the folder (NAME, if none is
+# given), its cases discovered by CTest.
 function(variform_test NAME)
-  cmake_parse_arguments(ARG "" "" "LIBRARIES" ${ARGN})
-  file(GLOB ARG_SOURCES CONFIGURE_DEPENDS ${NAME}/*.cpp)
+  cmake_parse_arguments(ARG "" "FOLDER" "LIBRARIES" ${ARGN})
+  if(NOT ARG_FOLDER)
+    set(ARG_FOLDER ${NAME})
+  endif()
+  file(GLOB ARG_SOURCES CONFIGURE_DEPENDS ${ARG_FOLDER}/*.cpp)
   add_executable(test_${NAME} ${ARG_SOURCES})
   target_link_libraries(test_${NAME} PRIVATE ${ARG_LIBRARIES} variform_flags GTest::gmock GTest::gtest_main)
   target_compile_definitions(test_${NAME} PRIVATE VARIFORM_SOURCE_DIR="${PROJECT_SOURCE_DIR}")

@@ -6,13 +6,14 @@ set -euo pipefail
 
 packages=(
   g++ cmake ninja-build ccache pkg-config
-  libeigen3-dev libopenblas-dev libtbb-dev libboost-graph-dev libfmt-dev
+  libeigen3-dev libopenblas-dev libtbb-dev libboost-dev libboost-graph-dev libfmt-dev
   libtomlplusplus-dev libcli11-dev nlohmann-json3-dev libpugixml-dev zlib1g-dev
   libcairo2-dev fonts-dejavu-core gnuplot-nox libjs-three
   libgtest-dev libgmock-dev libbenchmark-dev
 )
 [ "${VARIFORM_EIGEN_ONLY:-0}" = 1 ] || packages+=(
   libsuitesparse-dev libceres-dev libnlopt-dev libpetsc-real-dev libslepc-real-dev libspectra-dev libarpack2-dev
+  libsundials-dev
 )
 
 missing=()

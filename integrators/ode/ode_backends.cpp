@@ -9,7 +9,11 @@
 #define VARIFORM_ODE_BACKENDS(X) \
   X(euler)                       \
   X(rk4)                         \
-  X(abm3)
+  X(abm3)                        \
+  X(odeint_dopri5)               \
+  X(cvode_adams)                 \
+  X(cvode_bdf)                   \
+  X(arkode_erk)
 
 namespace variform {
 

@@ -10,7 +10,7 @@
 #include "framework/domain/generators.h"
 #include "framework/form/assembly.h"
 #include "framework/form/energy.h"
-#include "tests/form/allocation_count.h"
+#include "tests/allocation_count.h"
 #include "tests/support.h"
 
 namespace variform {

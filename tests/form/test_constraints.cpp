@@ -12,7 +12,7 @@
 #include "framework/form/problem_objective.h"
 #include "solvers/linear/linear_backends.h"
 #include "tests/energies/energy_suite.h"
-#include "tests/form/allocation_count.h"
+#include "tests/allocation_count.h"
 #include "tests/support.h"
 
 namespace variform {

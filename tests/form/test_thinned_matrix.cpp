@@ -7,7 +7,7 @@
 #include "framework/form/problem.h"
 #include "framework/form/thinned_matrix.h"
 #include "solvers/linear/linear_backends.h"
-#include "tests/form/allocation_count.h"
+#include "tests/allocation_count.h"
 
 namespace variform {
 namespace {

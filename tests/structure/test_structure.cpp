@@ -12,6 +12,7 @@
 
 #include "experiments/pipelines.h"
 #include "framework/experiment/runner.h"
+#include "integrators/ode/ode_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
 
 namespace variform {
@@ -143,6 +144,13 @@ TEST(Structure, EveryNonlinearBackendIsRegistered) {
   EXPECT_EQ(names.size(), nonlinear_backends().entries().size());
 }
 
+TEST(Structure, EveryOdeBackendIsRegistered) {
+  const std::set<std::string> names = defined("integrators/ode", "OdeBackendEntry");
+  EXPECT_FALSE(names.empty());
+  EXPECT_EQ(names, listed("integrators/ode/ode_backends.cpp"));
+  EXPECT_EQ(names.size(), ode_backends().entries().size());
+}
+
 TEST(Structure, EveryPipelineIsRegistered) {
   const std::set<std::string> names = defined("experiments", "PipelineEntry");
   EXPECT_FALSE(names.empty());
@@ -155,6 +163,12 @@ TEST(Structure, WhatIsRegisteredIsDescribedAndWorks) {
     EXPECT_FALSE(entry.doc.empty()) << entry.name;
     if (entry.available) {
       EXPECT_NE(make_nonlinear_backend(entry.name), nullptr) << entry.name;
+    }
+  }
+  for (const OdeBackendEntry& entry : ode_backends().entries()) {
+    EXPECT_FALSE(entry.doc.empty()) << entry.name;
+    if (entry.available) {
+      EXPECT_NE(make_ode_backend(entry.name), nullptr) << entry.name;
     }
   }
   for (const PipelineEntry& entry : pipelines().entries()) {

@@ -3,7 +3,8 @@
 
 namespace variform::testing {
 
-/// How often this program called operator new so far, on all threads.
+/// How often this program allocated memory so far (malloc and operator new, and Eigen, which uses malloc), on all
+/// threads.
 long allocation_count();
 
 }  // namespace variform::testing
