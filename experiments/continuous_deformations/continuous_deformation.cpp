@@ -469,7 +469,7 @@ void check(const Config& config) {
   read_energy(config.root().at("energy"), velocities);
   const Input input = read_input(config, 1.0);
   read_solver(config, kStarts);
-  check_handles(tables(config, "handle"));
+  check_handle_tables(tables(config, "handle"));
   check_materials(tables(config, "material"));
   const ConfigNode energy = config.root().at("energy").at("type");
   if (!velocities && (input.norm.gradient || !tables(config, "material").empty())) {
@@ -493,7 +493,7 @@ PointResult run(const Config& config, const Workspace& workspace) {
     if (input.norm.gradient) input.norm.options.beta = smoothing_beta(*energy, domain, input.norm.alpha);
   }
   root.at("energy").at("type").located([&] { return energy->traits(domain); });
-  const std::vector<Handle> handles = load_handles(tables(config, "handle"), loaded, input.end);
+  const std::vector<Handle> handles = load_handles(tables(config, "handle"), loaded, {0.0, input.end});
 
   PointResult result;
   result.warnings = loaded.warnings;
