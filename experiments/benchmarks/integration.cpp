@@ -10,7 +10,7 @@
 #include "framework/domain/generators.h"
 #include "integrators/ode/ode_backends.h"
 #include "integrators/shape/deformation_flow.h"
-#include "integrators/shape/motions.h"
+#include "integrators/shape/handles.h"
 #include "solvers/linear/linear_backends.h"
 
 namespace variform::benchmarks {
@@ -43,7 +43,7 @@ std::vector<Handle> handles_of(const Domain& domain) {
   }
   SpacePoint velocity = SpacePoint::Zero(domain.ambient_dimension());
   velocity[1] = 0.5;
-  moved.motion = translation(velocity);
+  moved.motion = translate(velocity, {0.0, 1e6});
   return {fixed, moved};
 }
 

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <Eigen/Eigenvalues>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -275,8 +276,8 @@ void run_single_step(const Config& config, const Scene& scene, const Energy& ene
 double condition_number(Problem& problem) {
   const SparseMatrix& K = problem.reduced_matrix();
   if (K.rows() > kDenseLimit) return std::nan("");
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(Eigen::MatrixXd(K.selfadjointView<Eigen::Lower>()),
-                                                             Eigen::EigenvaluesOnly);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(
+      Eigen::MatrixXd(SparseMatrix(K.selfadjointView<Eigen::Lower>())), Eigen::EigenvaluesOnly);
   return eigen.eigenvalues().maxCoeff() / eigen.eigenvalues().minCoeff();
 }
 
