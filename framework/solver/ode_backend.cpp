@@ -109,6 +109,7 @@ Vector OdeBackend::run(OdeField& field, const OdeCheckpoint& from, double t0, do
     point->state.resize(field.size());
     point->velocity.resize(field.size());
   }
+  output_.resize(field.size());
   current_.time = from.time;
   current_.state = from.state;
   prepare();
@@ -252,6 +253,7 @@ bool OdeBackend::give_outputs() {
 void OdeBackend::give_checkpoint() {
   if (!anew_ && !keeps_history() && current_.time < pieces_.back()) {
     anew_ = true;
+    step_ = report_.history.back().size;
     ++report_.restarts;
   }
   OdeCheckpoint checkpoint;
