@@ -80,7 +80,7 @@ class SundialsBackend : public OdeBackend {
   Vector y_, dy_;
   std::exception_ptr error_;
   bool first_ = true;  // attempt since create()
-  int refusals_ = 0;  // in this attempt
+  int refusals_ = 0;   // in this attempt
   double refused_time_ = 0.0;
   std::string refusal_;
   long failures_ = 0;  // of the error test, since the last start
