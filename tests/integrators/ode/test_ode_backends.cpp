@@ -581,7 +581,9 @@ TEST_P(Each, StepsAllocateNothing) {
   const auto backend = make_ode_backend(GetParam());
   OdeOptions options{.tolerance = 1e-6, .first_step = 0.005};
   for (int i = 1; i < 20; ++i) options.outputs.push_back(0.1 * i);
-  long before = 0, steps = 0, outputs = 0, during = 0;
+  long before = testing::allocation_count(), steps = 0, outputs = 0, during = 0;
+  const Vector allocated = Vector::Zero(static_cast<Index>(options.outputs.size()));
+  ASSERT_GT(testing::allocation_count(), before + static_cast<long>(allocated.norm())) << "they are counted";
   backend->integrate(field, Spirals::start(), 0.0, 2.0, options,
                      {.step =
                           [&](const OdeStep& step, const Vector&) {
