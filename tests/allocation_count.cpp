@@ -4,16 +4,15 @@
 #include <atomic>
 #include <cstddef>
 
-#ifdef __SANITIZE_ADDRESS__
-#include <sanitizer/allocator_interface.h>
-#endif
-
 namespace {
 std::atomic<long> allocations{0};
 }
 
 // Replacements for the whole test program, so that "allocates nothing" is a fact. operator new calls malloc.
 #ifdef __SANITIZE_ADDRESS__
+// Of the sanitizer's run-time library; GCC does not install its header.
+extern "C" int __sanitizer_install_malloc_and_free_hooks(  // NOLINT(bugprone-reserved-identifier)
+    void (*allocated)(const volatile void*, std::size_t), void (*freed)(const volatile void*));
 namespace {
 const int hooked = __sanitizer_install_malloc_and_free_hooks([](const volatile void*, std::size_t) { ++allocations; },
                                                              [](const volatile void*) {});

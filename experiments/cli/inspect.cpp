@@ -18,6 +18,7 @@
 #include "framework/experiment/domain_source.h"
 #include "framework/experiment/viewer.h"
 #include "framework/form/problem_objective.h"
+#include "integrators/ode/ode_backends.h"
 #include "solvers/eigen/eigen_backends.h"
 #include "solvers/linear/blas.h"
 #include "solvers/linear/linear_backends.h"
@@ -114,6 +115,44 @@ bool try_eigen_backends() {
   return well;
 }
 
+// Half a turn around the origin.
+class Turn final : public OdeField {
+ public:
+  Index size() const override { return 2; }
+  int point_size() const override { return 2; }
+  void velocity(double, const Vector& y, Vector& dy) override { dy << -kPi * y[1], kPi * y[0]; }
+
+ private:
+  static constexpr double kPi = 3.14159265358979323846;
+};
+
+// The turn with each ODE backend.
+bool try_ode_backends() {
+  bool well = true;
+  for (const OdeBackendEntry& entry : ode_backends().entries()) {
+    if (!entry.available) {
+      fmt::print("{}: not in this build; install {} and configure again\n", entry.name, entry.package);
+      well = false;
+      continue;
+    }
+    try {
+      Turn turn;
+      const auto backend = make_ode_backend(entry.name);
+      const Vector y = backend->integrate(turn, Eigen::Vector2d(1.0, 0.0), 0.0, 1.0, {});
+      const OdeReport& report = backend->report();
+      const double error = (y - Eigen::Vector2d(-1.0, 0.0)).norm();
+      const bool works = report.completed && error < 0.2;  // of Euler's method: 0.1
+      fmt::print("{}: {} (error {:.1e}, {} steps, {} evaluations)\n", entry.name, works ? "works" : "FAILS", error,
+                 report.steps, report.evaluations);
+      well = well && works;
+    } catch (const Error& error) {
+      fmt::print("{}: FAILS: {}\n", entry.name, error.what());
+      well = false;
+    }
+  }
+  return well;
+}
+
 }  // namespace
 
 std::vector<std::pair<std::string, std::string>> provenance() {
@@ -147,6 +186,12 @@ ExitCode list(const std::string& what) {
     }
     fmt::print("eigen backends (no config uses them yet)\n");
     for (const EigenBackendEntry& e : eigen_backends().entries()) {
+      fmt::print("  {:<22}{}{}\n", e.name, e.doc,
+                 e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
+      list_parameters(e.parameters);
+    }
+    fmt::print("ODE backends\n");
+    for (const OdeBackendEntry& e : ode_backends().entries()) {
       fmt::print("  {:<22}{}{}\n", e.name, e.doc,
                  e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
       list_parameters(e.parameters);
@@ -269,6 +314,7 @@ ExitCode doctor() {
   }
   well = try_nonlinear_backends() && well;
   well = try_eigen_backends() && well;
+  well = try_ode_backends() && well;
   const bool plots = std::system("command -v gnuplot > /dev/null 2>&1") ==
                      0;  // NOLINT(bugprone-command-processor,cert-env33-c): fixed text
   fmt::print("gnuplot: {}\n", plots ? "found" : "not found: line plots are left out (package gnuplot-nox)");

@@ -106,9 +106,10 @@ Vector OdeBackend::run(OdeField& field, const OdeCheckpoint& from, double t0, do
   outputs_ = from.outputs;
   ended_ = false;
   for (Point* point : {&previous_, &current_, &trial_}) {
-    point->state.resize(field.size());
-    point->velocity.resize(field.size());
+    point->state.setZero(field.size());
+    point->velocity.setZero(field.size());
   }
+  output_.resize(field.size());
   current_.time = from.time;
   current_.state = from.state;
   prepare();
@@ -167,11 +168,11 @@ bool OdeBackend::step() {
     double drift = 0.0;
     try {
       trial = attempt(current_, trial_);
+      if (!trial_.state.allFinite()) {
+        throw SolverError(
+            fmt::format("ODE backend '{}': the state at time {:.6g} is not finite", report_.backend, trial_.time));
+      }
       if (trial.accepted) {
-        if (!trial_.state.allFinite()) {
-          throw SolverError(
-              fmt::format("ODE backend '{}': the state at time {:.6g} is not finite", report_.backend, trial_.time));
-        }
         drift = show(trial_);
         refusal = field_->refusal(trial_.time, shown_);
         if (refusal.empty()) return take(trial, drift, after_refusal);
@@ -195,7 +196,7 @@ bool OdeBackend::step() {
     } else {
       ++report_.rejected;
       step_ = trial.next;
-      if (step_ < smallest_step()) {
+      if (!(step_ >= smallest_step())) {
         end(false,
             fmt::format("the tolerance {:.3g} needs steps below the smallest {:.3g} at time {:.6g} (error {:.3g})",
                         options_.tolerance, smallest_step(), current_.time, trial.error));
@@ -252,6 +253,7 @@ bool OdeBackend::give_outputs() {
 void OdeBackend::give_checkpoint() {
   if (!anew_ && !keeps_history() && current_.time < pieces_.back()) {
     anew_ = true;
+    step_ = report_.history.back().size;
     ++report_.restarts;
   }
   OdeCheckpoint checkpoint;

@@ -55,6 +55,7 @@ class ArkodeErk final : public SundialsBackend {
   }
 
   int set_stop_time(double t) override { return ERKStepSetStopTime(memory_.get(), t); }
+  int set_first_step(double size) override { return ERKStepSetInitStep(memory_.get(), size); }
   int one_step(double stop, N_Vector y, double* t) override {
     return ERKStepEvolve(memory_.get(), stop, y, t, ARK_ONE_STEP);
   }

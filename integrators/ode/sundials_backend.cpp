@@ -92,12 +92,15 @@ void SundialsBackend::start(Point& at) {
   failures_ = 0;
   map(state_.get()) = at.state;
   create(at.time, state_.get());
+  first_ = true;
 }
 
 OdeBackend::Attempt SundialsBackend::attempt(const Point& from, Point& to) {
   const NormScope scope(point_size());
   refusals_ = 0;
   check(set_stop_time(to.time), "the stop time");
+  if (first_) check(set_first_step(to.time - from.time), "the first step");
+  first_ = false;
   double t = from.time;
   const int flag = one_step(to.time, state_.get(), &t);
   if (error_) std::rethrow_exception(error_);

@@ -53,6 +53,8 @@ class SundialsBackend : public OdeBackend {
   /// Makes the memory for an integration from y at t by right_hand_side() with this backend as user data.
   virtual void create(double t, N_Vector y) = 0;
   virtual int set_stop_time(double t) = 0;
+  /// Size to try first after create(); by default the library estimates it, up to the stop time.
+  virtual int set_first_step(double /*size*/) { return 0; }
   virtual int one_step(double stop, N_Vector y, double* t) = 0;
   virtual int derivative(double t, N_Vector y) = 0;  ///< of order 0: the state at t, within the last step
   virtual int local_errors(N_Vector errors) = 0;
@@ -77,7 +79,8 @@ class SundialsBackend : public OdeBackend {
   SundialsVector state_, work_;
   Vector y_, dy_;
   std::exception_ptr error_;
-  int refusals_ = 0;  // in this attempt
+  bool first_ = true;  // attempt since create()
+  int refusals_ = 0;   // in this attempt
   double refused_time_ = 0.0;
   std::string refusal_;
   long failures_ = 0;  // of the error test, since the last start

@@ -25,6 +25,7 @@
 #include "experiments/pipelines.h"
 #include "framework/experiment/domain_source.h"
 #include "framework/form/norm.h"
+#include "integrators/ode/ode_backends.h"
 #include "solvers/eigen/eigen_backends.h"
 #include "solvers/linear/linear_backends.h"
 #include "solvers/nonlinear/nonlinear_backends.h"
@@ -757,6 +758,10 @@ TEST_F(Cli, ListShowsEverythingThatIsRegistered) {
   for (const std::string& name : linear_backends().names()) expect_listed(name);
   for (const std::string& name : nonlinear_backends().names()) expect_listed(name);
   for (const std::string& name : eigen_backends().names()) expect_listed(name);
+  for (const OdeBackendEntry& entry : ode_backends().entries()) {
+    expect_listed(entry.name);
+    for (const Parameter& parameter : entry.parameters) expect_listed(parameter.name);
+  }
   for (const std::string& name : generators().names()) expect_listed(name);
   for (const std::string& name : facet_weight_names()) expect_listed(name);
   for (const PipelineEntry& entry : pipelines().entries()) {
@@ -800,6 +805,9 @@ TEST_F(Cli, DoctorTriesEveryBackend) {
     EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
   }
   for (const NonlinearBackendEntry& entry : nonlinear_backends().entries()) {
+    EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
+  }
+  for (const OdeBackendEntry& entry : ode_backends().entries()) {
     EXPECT_THAT(result.out, HasSubstr(entry.name + (entry.available ? ": works" : ": not in this build")));
   }
   EXPECT_THAT(result.out, HasSubstr("gnuplot: "));

@@ -8,6 +8,7 @@
 #include "framework/domain/domain.h"
 #include "framework/domain/generators.h"
 #include "framework/form/problem.h"
+#include "integrators/ode/ode_backends.h"
 #include "solvers/linear/linear_backends.h"
 
 int main() {
@@ -28,6 +29,9 @@ int main() {
   const double similar = minimum();
   constraints.fix(top, Eigen::RowVector2d(1.0, 1.0));
   const double bent = minimum();
+  for (const OdeBackendEntry& ode : ode_backends().entries()) {
+    if (ode.available) make_ode_backend(ode.name);
+  }
   std::printf("energy %.3g for two corners, %.6g for three; %zu pipelines\n", similar, bent,
               pipelines().entries().size());
   return similar < 1e-20 && bent > 0.01 && !pipelines().entries().empty() ? 0 : 1;
