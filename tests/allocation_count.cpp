@@ -3,27 +3,38 @@
 
 #include <atomic>
 #include <cstddef>
+#include <new>
 
 namespace {
 std::atomic<long> allocations{0};
 }
 
-// Replacements for the whole test program, so that "allocates nothing" is a fact. operator new calls malloc.
-#ifdef __SANITIZE_ADDRESS__
-// Of the sanitizer's run-time library; GCC does not install its header.
-extern "C" int __sanitizer_install_malloc_and_free_hooks(  // NOLINT(bugprone-reserved-identifier)
-    void (*allocated)(const volatile void*, std::size_t), void (*freed)(const volatile void*));
-namespace {
-const int hooked = __sanitizer_install_malloc_and_free_hooks([](const volatile void*, std::size_t) { ++allocations; },
-                                                             [](const volatile void*) {});
+// Replacements for the whole test program, so that "allocates nothing" is a fact: operator new, and what the linker has
+// instead of malloc for everything that is linked statically (--wrap, see tests/CMakeLists.txt), Eigen's matrices among
+// it. What shared libraries allocate for themselves does not count.
+extern "C" {
+void* __real_malloc(std::size_t size);
+void __real_free(void* memory);
+void* __real_realloc(void* memory, std::size_t size);
+
+void* __wrap_malloc(std::size_t size) {
+  ++allocations;
+  return __real_malloc(size);
 }
-#else
-extern "C" void* __libc_malloc(std::size_t size);  // NOLINT(bugprone-reserved-identifier): of the C library
-extern "C" void* malloc(std::size_t size) {
-  allocations.fetch_add(1, std::memory_order_relaxed);
-  return __libc_malloc(size);
+void* __wrap_realloc(void* memory, std::size_t size) {
+  ++allocations;
+  return __real_realloc(memory, size);
 }
-#endif
+void __wrap_free(void* memory) { __real_free(memory); }
+}
+
+void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* memory = __real_malloc(size)) return memory;
+  throw std::bad_alloc();
+}
+void operator delete(void* memory) noexcept { __real_free(memory); }
+void operator delete(void* memory, std::size_t) noexcept { __real_free(memory); }
 
 namespace variform::testing {
 

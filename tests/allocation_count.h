@@ -3,8 +3,8 @@
 
 namespace variform::testing {
 
-/// How often this program allocated memory so far (malloc and operator new, and Eigen, which uses malloc), on all
-/// threads.
+/// How often this program called operator new, malloc (Eigen does) or realloc so far, on all threads, but for calls
+/// within shared libraries.
 long allocation_count();
 
 }  // namespace variform::testing

@@ -2,7 +2,9 @@
 #include <Eigen/Dense>
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <numbers>
 
@@ -451,6 +453,280 @@ TEST(VectorFields, FollowTheDomainThatMoves) {
   domain.set_positions(moved);
   problem.refresh_operator();
   EXPECT_LT((problem.solve(*linear) - minimize(domain, *energy, {.beta = 0.3}, pins)).norm(), 1e-12);
+}
+
+// E_S = sum over facets of 4 b_f |M_l j_l - M_r j_r|^2, of the published explicit form of M.
+double gradient_variation(const Domain& domain, FacetWeight weight, const Matrix& v,
+                          const std::function<Eigen::MatrixXd(Index)>& M) {
+  const Vector b = facet_weights(domain, weight);
+  double sum = 0.0;
+  for (Index f = 0; f < domain.facet_count(); ++f) {
+    Eigen::VectorXd jump = Eigen::VectorXd::Zero(v.cols() * v.cols());
+    for (const int side : {0, 1}) {
+      const Index t = domain.facet_cells()(f, side);
+      const Eigen::MatrixXd J = deformation(domain, t, v).transpose();
+      jump += (side == 0 ? 1.0 : -1.0) * M(t) * Eigen::Map<const Eigen::VectorXd>(J.data(), J.size());
+    }
+    sum += 4.0 * b[f] * jump.squaredNorm();
+  }
+  return sum;
+}
+
+TEST(GradientSmoothness, IsTheVariationOfTheGradientOfTheDensity) {
+  for (const Domain& domain : {square(), cube()}) {
+    const int p = domain.ambient_dimension();
+    const Eigen::MatrixXd I = Eigen::MatrixXd::Identity(p, p);
+    const Matrix v = Matrix::Random(domain.vertex_count(), p);
+    Vector phi(domain.cell_count());
+    Matrix tensors(domain.cell_count(), p * p);
+    for (Index t = 0; t < domain.cell_count(); ++t) {
+      phi[t] = 0.5 + 1.2 * t / domain.cell_count();
+      tensors.row(t) = row_of(random_tensor(p));
+    }
+    const auto tensor = [&](Index t) { return Eigen::Map<const Eigen::MatrixXd>(tensors.row(t).data(), p, p); };
+    for (const FacetWeight weight : kWeights) {
+      const auto check = [&](const Energy& energy, const std::function<Eigen::MatrixXd(Index)>& M) {
+        const double expected = gradient_variation(domain, weight, v, M);
+        for (const double beta : {0.4, 1.0}) {
+          const EnergyValue value = evaluate(domain, energy, {beta, weight}, v).value;
+          EXPECT_NEAR(value.variation, expected, 1e-11 * expected);
+          EXPECT_NEAR(value.total, (1.0 - beta) * value.plain + beta * expected, 1e-11 * expected);
+        }
+      };
+      const std::pair<std::string, ParameterValue> gradient = {"smoothness", "gradient"};
+      check(*make("metr", {gradient}), [&](Index) { return vector_field_matrix({1.0, 2.0}, I); });
+      check(*make("phi", {gradient, {"phi", 1.1}}), [&](Index) { return vector_field_matrix(phi_weights(1.1), I); });
+      check(*make_vector_field_energy(phi, {}, Smoothness::gradient),
+            [&](Index t) { return vector_field_matrix(phi_weights(phi[t]), I); });
+      check(*make_vector_field_energy(phi, tensors, Smoothness::gradient),
+            [&](Index t) { return vector_field_matrix(phi_weights(phi[t]), tensor(t)); });
+    }
+  }
+}
+
+TEST(GradientSmoothness, PassesTheSuite) {
+  for (const Domain& domain : {square(), cube()}) {
+    for (const std::string name : {"akvf", "metr", "conf"}) {
+      testing::check_energy(name + ", gradient", *make(name, {{"smoothness", "gradient"}}), domain, false);
+    }
+    const int p = domain.ambient_dimension();
+    testing::check_energy(
+        "tensor, gradient",
+        *make_vector_field_energy(Vector::Constant(1, 0.8), row_of(random_tensor(p)), Smoothness::gradient), domain,
+        false);
+  }
+}
+
+TEST(GradientSmoothness, DoesNotSeeAffineFields) {
+  for (const Domain& domain : {square(), cube()}) {
+    const int p = domain.ambient_dimension();
+    const Matrix affine = (domain.positions() * Eigen::MatrixXd::Random(p, p)).rowwise() + Eigen::RowVectorXd::Ones(p);
+    for (const std::string name : {"akvf", "metr", "conf", "auth", "phi"}) {
+      const auto energy = make(name, {{"smoothness", "gradient"}});
+      const Matrix other = Matrix::Random(domain.vertex_count(), p);
+      const double scale = evaluate(domain, *energy, {.beta = 0.3}, other).value.variation;
+      EXPECT_LT(std::abs(evaluate(domain, *energy, {.beta = 0.3}, affine).value.variation), 1e-12 * scale) << name;
+      // At least d^2 + d motions.
+      const Eigen::MatrixXd H = evaluate(domain, *energy, {.beta = 1.0}, affine).H;
+      const Vector values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues();
+      EXPECT_GE((values.array() < 1e-11 * values.maxCoeff()).count(), p * p + p) << name;
+    }
+  }
+}
+
+TEST(GradientSmoothness, EqualsTheNormWhereTheMatrixActsAsOneFactor) {
+  for (const Domain& domain : {square(), cube()}) {
+    const int p = domain.ambient_dimension();
+    Constraints constraints(domain.vertex_count(), p);
+    for (Index v = 0; v < domain.vertex_count(); v += 5) constraints.fix(v, Eigen::RowVectorXd::Random(p));
+    const double alpha = 0.1;
+    const std::map<std::string, VectorFieldWeights> cases = {{"akvf", {1.0, 0.0}}, {"conf", {1.0, -4.0 / p}}};
+    for (const auto& [name, weights] : cases) {
+      const double m = only_stiffness(weights, p).value();
+      EXPECT_DOUBLE_EQ(m, 4.0);
+      EXPECT_NEAR(alpha_from_beta(residual_beta(alpha, m)), 16.0 * alpha, 1e-12);
+      const Matrix v =
+          minimize(domain, *make(name, {{"smoothness", "gradient"}}), {.beta = beta_from_alpha(alpha)}, constraints);
+      const Matrix w = minimize(domain, *make(name), {.beta = residual_beta(alpha, m)}, constraints);
+      EXPECT_LT((v - w).norm(), 1e-10 * w.norm()) << name;
+      const Matrix other = minimize(domain, *make(name), {.beta = residual_beta(2.0 * alpha, m)}, constraints);
+      EXPECT_GT((v - other).norm(), 1e-4 * w.norm()) << name;
+    }
+  }
+  // The published values for alpha = 0.1.
+  const auto of_phi = [](double phi, int p) { return residual_beta(0.1, only_stiffness(phi_weights(phi), p).value()); };
+  EXPECT_NEAR(of_phi(0.5 * kPi, 2), 0.615, 5e-4);
+  EXPECT_NEAR(of_phi(largest_phi(2), 2), 0.417, 5e-4);
+  EXPECT_NEAR(of_phi(largest_phi(3), 3), 0.490, 5e-4);
+  EXPECT_FALSE(only_stiffness({1.0, 2.0}, 2).has_value());
+  EXPECT_EQ(only_stiffness({0.0, 1.0}, 3), 3.0);
+  EXPECT_DOUBLE_EQ(alpha_from_beta(beta_from_alpha(0.7)), 0.7);
+  EXPECT_THROW(beta_from_alpha(-0.1), UsageError);
+  EXPECT_THROW(alpha_from_beta(1.0), UsageError);
+}
+
+// alpha is a length: a mesh twice as large has the same minimizer for 2 alpha.
+TEST(GradientSmoothness, WeightIsALength) {
+  const Domain domain = square();
+  Domain twice = domain;
+  twice.set_positions(2.0 * domain.positions());
+  Constraints constraints(domain.vertex_count(), 2);
+  for (Index v = 0; v < domain.vertex_count(); v += 5) constraints.fix(v, Eigen::RowVector2d::Random());
+  const auto energy = make("metr", {{"smoothness", "gradient"}});
+  const Matrix v = minimize(domain, *energy, {.beta = beta_from_alpha(0.1)}, constraints);
+  EXPECT_LT((minimize(twice, *energy, {.beta = beta_from_alpha(0.2)}, constraints) - v).norm(), 1e-10);
+}
+
+TEST(GradientSmoothness, FollowsTheDomainThatMoves) {
+  for (Domain domain : {square(), cube()}) {
+    const int p = domain.ambient_dimension();
+    for (const FacetWeight weight : kWeights) {
+      for (const auto& tensor : {Matrix(), row_of(random_tensor(p))}) {
+        const auto energy = make_vector_field_energy(Vector::Constant(1, 0.8), tensor, Smoothness::gradient);
+        Constraints pins(domain.vertex_count(), p);
+        for (Index v = 0; v < domain.vertex_count(); v += 5) pins.fix(v, Eigen::RowVectorXd::Random(p));
+        const NormOptions norm{.beta = 0.3, .facet_weight = weight};
+        Problem problem(domain, *energy, norm, pins);
+        problem.normal_matrix();
+        Matrix moved = domain.positions();
+        moved.col(0) += 0.3 * moved.col(1).cwiseAbs2();
+        domain.set_positions(moved);
+        problem.refresh_operator();
+        Problem fresh(domain, *energy, norm, pins);
+        EXPECT_EQ((problem.normal_matrix() - fresh.normal_matrix()).norm(), 0.0);
+      }
+    }
+  }
+}
+
+// Boundary values of an affine field have that field inside, on any mesh, for any energy, with and without smoothing.
+TEST(VectorFields, AffineBoundaryValuesGiveTheAffineField) {
+  for (const Domain& domain : {square(), cube()}) {
+    const int p = domain.ambient_dimension();
+    const Matrix affine = (domain.positions() * Eigen::MatrixXd::Random(p, p)).rowwise() + Eigen::RowVectorXd::Ones(p);
+    Constraints constraints(domain.vertex_count(), p);
+    for (Index v = 0; v < domain.vertex_count(); ++v) {
+      if (domain.boundary_vertices()[v]) constraints.fix(v, affine.row(v));
+    }
+    ASSERT_LT(constraints.fixed().size(), static_cast<std::size_t>(domain.vertex_count()));
+    for (const std::string name : {"akvf", "metr", "conf", "auth", "phi"}) {
+      for (const std::string smoothness : {"residual", "gradient"}) {
+        for (const double beta : {0.0, 0.3, 0.9}) {
+          const Matrix v = minimize(domain, *make(name, {{"smoothness", smoothness}}), {.beta = beta}, constraints);
+          EXPECT_LT((v - affine).cwiseAbs().maxCoeff(), 1e-11) << name << " " << smoothness << " " << beta;
+        }
+      }
+    }
+  }
+}
+
+// K = K_FEM / 2 for mu = 4 strain, lambda = 2 divergence, with the textbook element stiffness V B'DB in engineering
+// strains.
+TEST(VectorFields, MatrixIsHalfTheStiffnessOfLinearElasticity) {
+  for (const Domain& domain : {square(), cube()}) {
+    const int p = domain.ambient_dimension();
+    const int strains = p * (p + 1) / 2;
+    for (const double phi : {0.2, std::atan(0.5), 0.5 * kPi, 2.2}) {
+      const VectorFieldWeights w = phi_weights(phi);
+      const double mu = 4.0 * w.strain;
+      const double lambda = 2.0 * w.divergence;
+      Eigen::MatrixXd D = Eigen::MatrixXd::Zero(strains, strains);
+      D.topLeftCorner(p, p).setConstant(lambda);
+      for (int i = 0; i < strains; ++i) D(i, i) += i < p ? 2.0 * mu : mu;
+      Eigen::MatrixXd K = Eigen::MatrixXd::Zero(p * domain.vertex_count(), p * domain.vertex_count());
+      for (Index t = 0; t < domain.cell_count(); ++t) {
+        const auto G = domain.gradient(t);
+        Eigen::MatrixXd B = Eigen::MatrixXd::Zero(strains, p * (p + 1));
+        for (int i = 0; i <= p; ++i) {
+          for (int c = 0; c < p; ++c) B(c, i * p + c) = G(c, i);
+          int row = p;
+          for (int a = 0; a < p; ++a) {
+            for (int b = a + 1; b < p; ++b, ++row) {
+              B(row, i * p + a) = G(b, i);
+              B(row, i * p + b) = G(a, i);
+            }
+          }
+        }
+        const Eigen::MatrixXd K_t = domain.cell_measures()[t] * B.transpose() * D * B;
+        for (int i = 0; i <= p; ++i) {
+          for (int j = 0; j <= p; ++j) {
+            K.block(domain.cells()(t, i) * p, domain.cells()(t, j) * p, p, p) += K_t.block(i * p, j * p, p, p);
+          }
+        }
+      }
+      const auto energy = make("phi", {{"phi", phi}});
+      EXPECT_LT((evaluate(domain, *energy, {}, domain.positions()).H - 0.5 * K).norm(), 1e-12 * K.norm()) << phi;
+    }
+  }
+}
+
+// The distance to the closest skew matrix is a quarter of the Killing energy.
+TEST(VectorFieldMatrix, KillingIsFourTimesTheDistanceToSkewMatricesInThePlane) {
+  const Eigen::Vector4d s(0.0, 1.0, -1.0, 0.0);  // vec of the quarter turn
+  const Eigen::Matrix4d skew = Eigen::Matrix4d::Identity() - 0.5 * s * s.transpose();
+  EXPECT_LT((vector_field_matrix({1.0, 0.0}, Eigen::Matrix2d::Identity()) - 4.0 * skew).norm(), 1e-15);
+}
+
+TEST(VectorFields, TensorsThatAreMultiplesOfTheIdentityChangeTheWeightsOnly) {
+  for (const Domain& domain : {square(), cube()}) {
+    const int p = domain.ambient_dimension();
+    Constraints constraints(domain.vertex_count(), p);
+    for (Index v = 0; v < domain.vertex_count(); v += 5) constraints.fix(v, Eigen::RowVectorXd::Random(p));
+    const double s = 3.0;
+    for (const double phi : {0.3, 0.5 * kPi, 2.0}) {
+      const auto field = [&](double angle, const Matrix& tensor) {
+        return minimize(domain, *make_vector_field_energy(Vector::Constant(1, angle), tensor), {.beta = 0.2},
+                        constraints);
+      };
+      const Matrix isotropic = field(phi, {});
+      EXPECT_LT((field(phi, row_of(Eigen::MatrixXd::Identity(p, p))) - isotropic).norm(), 1e-11 * isotropic.norm());
+      // w_r -> w_r / s, which leaves akvf (w_r = 0) as it is.
+      const double scaled = std::atan2(std::sin(phi), std::cos(phi) / s);
+      EXPECT_LT((field(scaled, row_of(s * Eigen::MatrixXd::Identity(p, p))) - isotropic).norm(),
+                1e-10 * isotropic.norm());
+    }
+  }
+}
+
+// x given on both ends, sides free, held against rigid motions by rollers: the field is homogeneous, and the sides give
+// way by kappa = w_r / (4 w_q + (p - 1) w_r) of the strain along x.
+TEST(VectorFields, UniaxialStrainBetweenRollersIsHomogeneous) {
+  const Domain strip(rectangle_mesh({.width = 2.0, .h = 0.25, .jitter = 0.3}));
+  const Domain bar(bar_tet_mesh(1.0, 0.5, 0.5, 0.25, 0.2));
+  for (const Domain* domain : {&strip, &bar}) {
+    const int p = domain->ambient_dimension();
+    const Eigen::RowVectorXd low = domain->positions().colwise().minCoeff();
+    const Eigen::RowVectorXd high = domain->positions().colwise().maxCoeff();
+    const auto on = [](double a, double b) { return std::abs(a - b) < 1e-9; };
+    const double rate = -0.3;
+    Constraints rollers(domain->vertex_count(), p);
+    for (Index v = 0; v < domain->vertex_count(); ++v) {
+      const Eigen::RowVectorXd x = domain->positions().row(v);
+      std::vector<bool> held(p, false);
+      held[0] = on(x[0], low[0]) || on(x[0], high[0]);
+      // One lateral component in the plane; in space those of one corner and one of another.
+      const bool corner = held[0] && on(x[0], low[0]) && on(x[1], low[1]) && (p == 2 || on(x[2], low[2]));
+      if (corner) held.assign(p, true);
+      if (p == 3 && on(x[0], low[0]) && on(x[1], high[1]) && on(x[2], low[2])) held[2] = true;
+      if (std::find(held.begin(), held.end(), true) == held.end()) continue;
+      Eigen::RowVectorXd value = Eigen::RowVectorXd::Zero(p);
+      value[0] = rate * (x[0] - low[0]);
+      rollers.fix(v, value, held);
+    }
+    const std::map<std::string, double> kappas = {{"akvf", 0.0}, {"metr", p == 2 ? 1.0 / 3.0 : 0.25}, {"conf", -1.0}};
+    for (const auto& [name, kappa] : kappas) {
+      Matrix expected = domain->positions().rowwise() - low;
+      expected.col(0) *= rate;
+      expected.rightCols(p - 1) *= -kappa * rate;
+      for (const std::string smoothness : {"residual", "gradient"}) {
+        for (const double beta : {0.0, 0.4}) {
+          const auto energy = make(name, {{"smoothness", smoothness}});
+          const Matrix v = minimize(*domain, *energy, {.beta = beta}, rollers);
+          EXPECT_LT((v - expected).cwiseAbs().maxCoeff(), 1e-10) << name << " " << smoothness << " " << beta;
+        }
+      }
+    }
+  }
 }
 
 TEST(VectorFields, RefuseWhatTheyCannotDo) {
