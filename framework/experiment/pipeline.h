@@ -62,9 +62,10 @@ class Workspace {
   void save(const std::string& bytes) const;
   /// What was saved last under this key, if it is whole; with resume = false nothing.
   std::optional<std::string> load() const;
+  /// Removes what was saved, in parts, too.
   void clear() const;
-  /// The same file for a part of the point that has a key of its own: a trial of a search. What one part saved is
-  /// nothing to the others.
+  /// A workspace in a file beside for a part of the point, a trial of a search: what parts save, they keep until the
+  /// point has ended, so that those that were finished are soon so again.
   Workspace part(const std::string& key) const;
 
  private:

@@ -256,7 +256,7 @@ class PointRun {
     std::error_code ignored;
     if (options_.resume) {
       if (std::optional<PointResult> result = take_point(files, key)) {
-        fs::remove(files.unfinished, ignored);  // of a process that was killed between result and end
+        Workspace(files.unfinished, {}, false).clear();  // of a process that was killed between result and end
         keep(std::move(*result), options_.figures, points_[static_cast<std::size_t>(point)]);
         ++progress_.taken;
         ++progress_.done;
