@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <fstream>
 #include <iterator>
 #include <system_error>
@@ -19,6 +20,8 @@ std::string header(const std::string& key, std::string_view bytes) {
   return fmt::format("variform unfinished point\n{} {:016x} {} {:016x}\n", key.size(), fingerprint(key), bytes.size(),
                      fingerprint(bytes));
 }
+
+fs::path progress_file(fs::path file) { return file.replace_extension(Workspace::kProgress); }
 
 }  // namespace
 
@@ -55,14 +58,28 @@ void Workspace::clear() const {
     const bool is_part = name.starts_with(file_.stem().string() + ".") && name.ends_with(file_.extension().string());
     if (is_own || is_part) files.push_back(entry.path());
   }
+  if (!is_part_) files.push_back(progress_file(file_));
   for (const fs::path& file : files) fs::remove(file, ignored);
+}
+
+void Workspace::progress(double fraction) const {
+  if (file_.empty() || is_part_) return;
+  write_file(progress_file(file_), fmt::format("{}", std::clamp(fraction, 0.0, 1.0)));
+}
+
+double Workspace::progress_of(const fs::path& file) {
+  std::ifstream stream(progress_file(file));
+  double fraction = 0.0;
+  return stream >> fraction ? fraction : 0.0;
 }
 
 Workspace Workspace::part(const std::string& key) const {
   if (file_.empty()) return {};
   const std::string name =
       fmt::format("{}.{:016x}{}", file_.stem().string(), fingerprint(key), file_.extension().string());
-  return {file_.parent_path() / name, key_ + "\n# part\n" + key, resume_};
+  Workspace part(file_.parent_path() / name, key_ + "\n# part\n" + key, resume_);
+  part.is_part_ = true;
+  return part;
 }
 
 }  // namespace variform

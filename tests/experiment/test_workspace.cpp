@@ -18,6 +18,7 @@
 
 #include "framework/base/error.h"
 #include "framework/experiment/runner.h"
+#include "tests/experiment/row_texts.h"
 #include "tests/experiment/temporary_folder.h"
 #include "tests/experiment_child/trouble.h"
 
@@ -33,15 +34,6 @@ Record run(const std::string& config, const fs::path& folder, bool resume, bool 
   RunOptions options{.folder = folder, .figures = false, .resume = resume};
   if (processes) options.point_command = {VARIFORM_TEST_CHILD, "point"};
   return run_experiment(config_of(config), trouble_pipelines(), options);
-}
-
-std::vector<std::string> texts(const Record& record, const std::string& key) {
-  std::vector<std::string> texts;
-  for (const Row& row : record.rows) {
-    const Value* const value = row.find(key);
-    texts.push_back(value == nullptr ? "-" : to_text(*value));
-  }
-  return texts;
 }
 
 std::string flow(const std::string& model, const std::string& rest = "[sweep]\n\"model.x\" = [1, 2]\n") {
@@ -246,6 +238,39 @@ TEST(Workspace, ARunThatWasKilledGoesOnInTheMiddleOfItsPoint) {
   for (const char* name : {"meshes/point-0000.pvd", "meshes/point-0000/frame-0005.vtu"}) {
     EXPECT_EQ(content_of(folder / "a" / name), content_of(folder / "b" / name));
   }
+}
+
+TEST(Workspace, APointTellsTheRunHowFarItIsAndAnInterruptKeepsItsWork) {
+  const TemporaryFolder folder;
+  const std::string config = flow("hang_at = 3\n", "");
+  double furthest = 0.0;
+  RunOptions options{.folder = folder.path(), .figures = false, .point_command = {VARIFORM_TEST_CHILD, "point"}};
+  options.progress = [&](const Progress& progress) {
+    furthest = std::max(furthest, progress.running);
+    return furthest < 0.6;  // three steps of five; the next one would take an hour
+  };
+  EXPECT_TRUE(run_experiment(config_of(config), trouble_pipelines(), options).rows.empty());
+  EXPECT_EQ(furthest, 0.6);
+  EXPECT_THAT(texts(run(config, folder.path(), true, true), "drawn"), ElementsAre("3"));
+  for (const auto& entry : fs::directory_iterator(folder / "points")) {
+    EXPECT_EQ(entry.path().filename(), "point-0000.json") << "nothing else is left of a point that has ended";
+  }
+}
+
+TEST(Workspace, ProgressIsAShareOfTheWholePoint) {
+  const TemporaryFolder folder;
+  const fs::path file = folder / "work.unfinished";
+  const Workspace workspace(file, "key", false);
+  EXPECT_EQ(Workspace::progress_of(file), 0.0);
+  workspace.progress(0.25);
+  workspace.part("a").progress(0.5);
+  workspace.part("a").clear();
+  EXPECT_EQ(Workspace::progress_of(file), 0.25);
+  workspace.progress(7.0);
+  EXPECT_EQ(Workspace::progress_of(file), 1.0);
+  workspace.clear();
+  EXPECT_TRUE(fs::is_empty(folder.path()));
+  Workspace().progress(0.5);
 }
 
 TEST(Workspace, TrialsOfABisectionHaveTheirOwnWorkUntilThePointEnds) {

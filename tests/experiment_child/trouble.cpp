@@ -37,6 +37,7 @@ PointResult flow(const ConfigNode& model, const Workspace& workspace) {
     if (ends_at("no_memory_at", step)) throw std::bad_alloc();
     if (ends_at("odd_at", step)) throw std::logic_error("odd");
     workspace.save(std::to_string(step + 1));
+    workspace.progress(static_cast<double>(step + 1) / static_cast<double>(steps));
   }
   PointResult result;
   result.metrics.set("E", x * static_cast<double>(steps));
