@@ -25,10 +25,11 @@ pivot() {  # NAME ROWS VALUE
 # Replaces what stands between <!-- begin NAME --> and <!-- end NAME --> by standard input.
 insert() {  # NAME
   grep -q "<!-- begin $1 -->" "$document" || { echo "solvers.sh: $document has no place '$1'" >&2; exit 2; }
-  awk -v name="$1" -v table="$(cat)" '
-    $0 == "<!-- end " name " -->" { inside = 0 }
+  # By the environment: awk takes backslashes in -v for escapes.
+  name=$1 table=$(cat) awk '
+    $0 == "<!-- end " ENVIRON["name"] " -->" { inside = 0 }
     !inside { print }
-    $0 == "<!-- begin " name " -->" { inside = 1; print ""; print table; print "" }
+    $0 == "<!-- begin " ENVIRON["name"] " -->" { inside = 1; print ""; print ENVIRON["table"]; print "" }
   ' "$document" >"$document.new"
   mv "$document.new" "$document"
 }

@@ -17,14 +17,15 @@ std::string duration_text(double seconds) {
 
 std::string progress_text(const Progress& progress, double seconds) {
   constexpr int kWidth = 40;
-  const int filled = progress.total > 0 ? static_cast<int>(std::int64_t{kWidth} * progress.done / progress.total) : 0;
+  const double done = progress.done + progress.running;
+  const int filled = progress.total > 0 ? static_cast<int>(kWidth * done / progress.total) : 0;
   std::string text =
       fmt::format("[{}{}] {}/{}", std::string(static_cast<std::size_t>(filled), '#'),
                   std::string(static_cast<std::size_t>(kWidth - filled), '.'), progress.done, progress.total);
   if (progress.failed > 0) text += fmt::format(", {} failed", progress.failed);
   text += fmt::format(", {}", duration_text(seconds));
-  if (const int ran = progress.done - progress.taken; ran > 0) {
-    text += fmt::format(", {} left", duration_text(seconds / ran * (progress.total - progress.done)));
+  if (const double ran = done - progress.taken; ran > 0.0) {
+    text += fmt::format(", {} left", duration_text(seconds / ran * (progress.total - done)));
   }
   return text;
 }

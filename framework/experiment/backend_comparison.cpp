@@ -247,7 +247,7 @@ std::vector<Problem> problems_of(const Plan& plan, const std::vector<Point>& poi
   return problems;
 }
 
-// The stopping criterion in words: the values of [solver] that all variants share.
+// The stopping criterion in words: the values of [solver] that all variants share; rows have those that are swept.
 std::string criterion(const Plan& plan, const Config& config) {
   std::vector<std::string> parts;
   for (const Section& section : plan.pipeline->parameters) {
@@ -259,6 +259,8 @@ std::string criterion(const Plan& plan, const Config& config) {
       if (config.root().has("solver") && config.root().at("solver").has(parameter.name)) {
         value = config.root().at("solver").at(parameter.name).value().text();
       }
+      const std::string key = "solver." + parameter.name;
+      if (plan.sweep.has(key) || plan.sweep.has("solver")) value = "as swept";
       parts.push_back(fmt::format("{} = {}", parameter.name, value));
     }
   }

@@ -10,9 +10,11 @@
 #include <map>
 #include <new>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "framework/base/error.h"
+#include "framework/base/stopwatch.h"
 #include "framework/domain/mesh_io.h"
 #include "framework/experiment/checkpoint.h"
 #include "framework/experiment/fingerprint.h"
@@ -161,6 +163,7 @@ PointResult compute(const Plan& plan, const Config& at, const Workspace& workspa
 PointResult execute_point(const Plan& plan, const Config& at, const PointFiles& files, const std::string& key,
                           bool resume) {
   const Workspace workspace(files.unfinished, key, resume);
+  workspace.progress(0.0);
   PointResult result;
   try {
     result = compute(plan, at, workspace);
@@ -237,7 +240,8 @@ class PointRun {
     std::error_code ignored;
     std::vector<fs::path> files;
     for (const auto& entry : fs::directory_iterator(options_.folder / "points", ignored)) {
-      if (entry.path().extension() == kUnfinished) files.push_back(entry.path());
+      const fs::path extension = entry.path().extension();
+      if (extension == kUnfinished || extension == Workspace::kProgress) files.push_back(entry.path());
     }
     for (const fs::path& file : files) fs::remove(file, ignored);
   }
@@ -256,7 +260,7 @@ class PointRun {
     std::error_code ignored;
     if (options_.resume) {
       if (std::optional<PointResult> result = take_point(files, key)) {
-        fs::remove(files.unfinished, ignored);  // of a process that was killed between result and end
+        Workspace(files.unfinished, {}, false).clear();  // of a process that was killed between result and end
         keep(std::move(*result), options_.figures, points_[static_cast<std::size_t>(point)]);
         ++progress_.taken;
         ++progress_.done;
@@ -297,7 +301,9 @@ class PointRun {
       if (!take(i, keys_(config_of(i)))) left.push_back(i);
     }
     const std::string config = config_.message();
+    std::set<int> running;
     const auto job = [&](std::size_t number) {
+      running.insert(left[number]);
       const Json request = {{"config", config},
                             {"folder", options_.folder.string()},
                             {"point", left[number]},
@@ -308,6 +314,8 @@ class PointRun {
     const auto finished = [&](std::size_t number, const ProcessResult& end) {
       const int i = left[number];
       Point& point = points_[static_cast<std::size_t>(i)];
+      running.erase(i);
+      look_at(running);
       std::optional<PointResult> result;
       // Between its last file and its end it may be interrupted, too.
       if (end.outcome == ProcessOutcome::ok || end.outcome == ProcessOutcome::interrupted) {
@@ -333,9 +341,20 @@ class PointRun {
       count(point);
     };
     run_processes(left.size(), job,
-                  {.jobs = options_.jobs, .limits = options_.limits, .finished = finished, .keep_going = [this] {
+                  {.jobs = options_.jobs, .limits = options_.limits, .finished = finished, .keep_going = [&] {
+                     constexpr double kPause = 0.1;
+                     if (looked_.seconds() > kPause) look_at(running);
                      return keep_going();
                    }});
+  }
+
+  // How far the points are that run.
+  void look_at(const std::set<int>& running) {
+    progress_.running = 0.0;
+    for (const int point : running) {
+      progress_.running += Workspace::progress_of(PointFiles(options_.folder, point).unfinished);
+    }
+    looked_.restart();
   }
 
   const Config& config_;
@@ -344,6 +363,7 @@ class PointRun {
   CheckpointKeys keys_;
   std::vector<Point> points_;
   Progress progress_;
+  Stopwatch looked_;
 };
 
 }  // namespace

@@ -16,10 +16,11 @@ namespace variform {
 
 /// How far a run is, in points.
 struct Progress {
-  int done = 0;    ///< ended, whether or not with a result
-  int total = 0;   ///< of the run
-  int failed = 0;  ///< of those done: without result
-  int taken = 0;   ///< of those done: from an earlier run
+  int done = 0;          ///< ended, whether or not with a result
+  int total = 0;         ///< of the run
+  int failed = 0;        ///< of those done: without result
+  int taken = 0;         ///< of those done: from an earlier run
+  double running = 0.0;  ///< shares done of the points that run, summed up: a number of points, too
 };
 
 struct RunOptions {

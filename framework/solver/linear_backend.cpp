@@ -61,7 +61,8 @@ double LinearBackend::run(const Phase& phase) {
     } catch (const Error&) {
       throw;
     } catch (const std::bad_alloc&) {
-      fail(fmt::format("out of memory ({} x {} system)", report_.rows, report_.columns));
+      report_.reason = fmt::format("out of memory ({} x {} system)", report_.rows, report_.columns);
+      throw;  // whoever runs this tells it from a solver that failed
     } catch (const std::exception& error) {
       fail(error.what());
     }

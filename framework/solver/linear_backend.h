@@ -93,7 +93,7 @@ class LinearBackend {
   void analyze(const SparseMatrix& A, MatrixKind kind);
 
   /// analyze (if needed) and numeric phase. A must be compressed, and lower triangular for symmetric kinds.
-  /// Throws SolverError when the factorization fails (not positive definite, singular, out of memory) or A holds a
+  /// Throws SolverError when the factorization fails (not positive definite, singular, out of memory in a library) or A holds a
   /// value that is not finite.
   void factorize(const SparseMatrix& A, MatrixKind kind);
 

@@ -16,6 +16,8 @@ namespace {
 
 constexpr LinearCapabilities kCapabilities{.spd = true, .direct = false};
 
+constexpr const char* kMultigrid = "boomeramg";
+
 /// One of Eigen's preconditioners.
 template <class Inverse>
 class EigenPreconditioner final : public Preconditioner {
@@ -131,6 +133,13 @@ std::unique_ptr<Preconditioner> make_preconditioner(const Parameters& parameters
     return make_multigrid({parameters.string("multigrid"), static_cast<Index>(parameters.integer("block_size")),
                            parameters.string("multigrid_options")});
   }
+  const auto refuse = [&name](const char* option) {
+    throw UsageError(
+        fmt::format("linear backend 'eigen.cg': {} is for preconditioner = \"amg\", not \"{}\"", option, name));
+  };
+  if (parameters.string("multigrid") != kMultigrid) refuse("multigrid");
+  if (parameters.integer("block_size") != 1) refuse("block_size");
+  if (!parameters.string("multigrid_options").empty()) refuse("multigrid_options");
   if (name == "incomplete_cholesky") {
     // Natural ordering: a fill-reducing one costs iterations here, as no fill is allowed anyway. Where a pivot breaks
     // down, Eigen shifts the diagonal until none does.
@@ -154,14 +163,10 @@ LinearBackendEntry describe_eigen_cg() {
        .value = std::string("diagonal"),
        .doc = "approximate inverse that speeds up convergence; amg is algebraic multigrid and needs PETSc",
        .choices = {"diagonal", "incomplete_cholesky", "amg", "none"}},
-      {.name = "tolerance", .value = 1e-10, .doc = "relative residual to stop at", .min = 1e-16, .max = 1.0},
-      {.name = "max_iterations",
-       .value = std::int64_t{0},
-       .doc = "per right-hand side; 0: twice the number of unknowns",
-       .min = 0.0,
-       .max = 1e9},
+      tolerance_parameter(),
+      limit_parameter(),
       {.name = "multigrid",
-       .value = std::string("boomeramg"),
+       .value = std::string(kMultigrid),
        .doc = "amg only: hypre's classical coarsening or PETSc's smoothed aggregation",
        .choices = {"boomeramg", "gamg"}},
       {.name = "block_size",

@@ -131,7 +131,8 @@ class PetscBackend final : public LinearBackend {
                         history.empty() ? 1.0 : history.back(), options_.tolerance));
       }
     }
-    if (!std::exchange(checked_, true)) petsc::check_options_used(prefix_);
+    if (!checked_) petsc::check_options_used(prefix_);
+    checked_ = true;
   }
 
   KrylovOptions options_;
@@ -165,12 +166,8 @@ LinearBackendEntry describe_petsc() {
        .value = std::string(),
        .doc = "preconditioner (gamg, hypre, icc, ilu, jacobi, cholesky, lu, none, ...); empty: gamg for positive "
               "definite systems, lu for others"},
-      {.name = "tolerance", .value = 1e-10, .doc = "relative residual to stop at", .min = 1e-16, .max = 1.0},
-      {.name = "max_iterations",
-       .value = std::int64_t{0},
-       .doc = "per right-hand side; 0: twice the number of unknowns",
-       .min = 0.0,
-       .max = 1e9},
+      tolerance_parameter(),
+      limit_parameter(),
       {.name = "block_size",
        .value = std::int64_t{1},
        .doc = "unknowns per vertex, d for coupled energies",

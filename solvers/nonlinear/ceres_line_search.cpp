@@ -12,6 +12,7 @@
 #include <exception>
 #include <limits>
 
+#include "solvers/nonlinear/ceres_callback.h"
 #include "solvers/nonlinear/library_backend.h"
 #include "solvers/nonlinear/quiet_ceres.h"
 #endif
@@ -60,7 +61,7 @@ class Function final : public ceres::FirstOrderFunction {
   mutable Point last_;
 };
 
-class CeresLineSearch final : public LibraryBackend, private ceres::IterationCallback {
+class CeresLineSearch final : public LibraryBackend, private CeresCallback {
  public:
   explicit CeresLineSearch(const Parameters& parameters) : LibraryBackend("ceres.line_search") {
     const std::string& direction = parameters.string("direction");
@@ -94,30 +95,20 @@ class CeresLineSearch final : public LibraryBackend, private ceres::IterationCal
     ceres::GradientProblemSolver::Summary summary;
     const QuietCeres quiet;
     ceres::Solve(options, problem, x_.data(), &summary);
-    if (error_) std::rethrow_exception(error_);
+    rethrow();
     return summary.message;
   }
 
  private:
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
-    if (error_) return ceres::SOLVER_ABORT;
-    if (summary.iteration == 0) return ceres::SOLVER_CONTINUE;
-    try {
-      const Function::Point& known = function_->last();
-      const bool go_on =
-          known.x == x_ ? reached(*objective_, x_, known.energy, known.gradient) : reached(*objective_, x_);
-      return go_on ? ceres::SOLVER_CONTINUE : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
-    } catch (...) {
-      error_ = std::current_exception();
-      return ceres::SOLVER_ABORT;
-    }
+  bool goes_on(const ceres::IterationSummary&) override {
+    const Function::Point& known = function_->last();
+    return known.x == x_ ? reached(*objective_, x_, known.energy, known.gradient) : reached(*objective_, x_);
   }
 
   ceres::GradientProblemSolver::Options options_;
   const ScaledObjective* objective_ = nullptr;
   const Function* function_ = nullptr;  // owned by the problem
   Eigen::VectorXd x_;
-  std::exception_ptr error_;
 };
 
 }  // namespace

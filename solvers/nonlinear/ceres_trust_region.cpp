@@ -15,6 +15,7 @@
 #include <limits>
 
 #include "framework/base/error.h"
+#include "solvers/nonlinear/ceres_callback.h"
 #include "solvers/nonlinear/library_backend.h"
 #include "solvers/nonlinear/quiet_ceres.h"
 #endif
@@ -122,7 +123,7 @@ std::vector<Index> variable_blocks(const SparseMatrix& J) {
   return starts;
 }
 
-class CeresTrustRegion final : public LibraryBackend, private ceres::IterationCallback {
+class CeresTrustRegion final : public LibraryBackend, private CeresCallback {
  public:
   explicit CeresTrustRegion(const Parameters& parameters) : LibraryBackend("ceres.trust_region") {
     const bool dogleg = parameters.string("strategy") == "dogleg";
@@ -158,7 +159,7 @@ class CeresTrustRegion final : public LibraryBackend, private ceres::IterationCa
     ceres::Solver::Summary summary;
     const QuietCeres quiet;
     ceres::Solve(options, &problem, &summary);
-    if (error_) std::rethrow_exception(error_);
+    rethrow();
     return summary.message;
   }
 
@@ -197,22 +198,13 @@ class CeresTrustRegion final : public LibraryBackend, private ceres::IterationCa
     }
   }
 
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
-    if (error_) return ceres::SOLVER_ABORT;
-    if (summary.iteration == 0) return ceres::SOLVER_CONTINUE;
-    try {
-      const bool go_on = summary.step_is_successful ? reached(*objective_, x_) : stayed();
-      return go_on ? ceres::SOLVER_CONTINUE : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
-    } catch (...) {
-      error_ = std::current_exception();
-      return ceres::SOLVER_ABORT;
-    }
+  bool goes_on(const ceres::IterationSummary& summary) override {
+    return summary.step_is_successful ? reached(*objective_, x_) : stayed();
   }
 
   ceres::Solver::Options options_;
   const ScaledObjective* objective_ = nullptr;
   Eigen::VectorXd x_;
-  std::exception_ptr error_;
 };
 
 }  // namespace

@@ -18,12 +18,13 @@ constexpr int kAttempts = 5;
 }  // namespace
 
 std::vector<Parameter> LineSearchBackend::parameters() {
-  return {{.name = "damping", .value = 1e-9, .doc = "added to the diagonal, in units of its mean", .min = 0.0},
-          {.name = "decrease",
-           .value = 1e-12,
-           .doc = "converged when a step promises less than this share of the energy",
-           .min = 0.0,
-           .max = 1.0}};
+  return {
+      {.name = "damping", .value = 1e-9, .doc = "added to the diagonal, in units of its mean", .min = 0.0, .max = 1.0},
+      {.name = "decrease",
+       .value = 1e-12,
+       .doc = "converged when a step promises less than this share of the energy",
+       .min = 0.0,
+       .max = 1.0}};
 }
 
 LineSearchBackend::LineSearchBackend(std::string name, const Parameters& p)

@@ -20,6 +20,9 @@ TEST(ProgressBar, SaysWhatIsDoneFailedAndHowLongItTakes) {
 TEST(ProgressBar, PointsOfAnEarlierRunDoNotMakeTheRestLookQuick) {
   EXPECT_THAT(progress_text({.done = 30, .total = 40, .taken = 28}, 6.0), EndsWith("6 s, 30 s left"));
   EXPECT_THAT(progress_text({.done = 30, .total = 40, .taken = 30}, 6.0), EndsWith("30/40, 6 s"));
+  EXPECT_EQ(progress_text({.done = 0, .total = 1, .running = 0.25}, 6.0),
+            "[" + std::string(10, '#') + std::string(30, '.') + "] 0/1, 6 s, 18 s left")
+      << "a point that says how far it is";
 }
 
 TEST(ProgressBar, DurationsAreInReadableUnits) {

@@ -20,9 +20,13 @@
 #include "framework/operators/operators.h"
 #include "solvers/eigen/eigen_backends.h"
 #include "solvers/linear/linear_backends.h"
+#include "tests/support.h"
 
 namespace variform {
 namespace {
+
+using testing::message_of;
+using testing::test_name;
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
@@ -133,24 +137,6 @@ std::vector<std::string> available() {
     if (entry.available) names.push_back(entry.name);
   }
   return names;
-}
-
-template <class Call>
-std::string message_of(const Call& call, ExitCode code) {
-  try {
-    call();
-  } catch (const Error& error) {
-    EXPECT_EQ(error.exit_code(), code) << error.what();
-    return error.what();
-  }
-  ADD_FAILURE() << "no error";
-  return {};
-}
-
-std::string test_name(const ::testing::TestParamInfo<std::string>& info) {
-  std::string name = info.param;
-  std::replace(name.begin(), name.end(), '.', '_');
-  return name;
 }
 
 class AnyEigenBackend : public ::testing::TestWithParam<std::string> {

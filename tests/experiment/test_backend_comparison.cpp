@@ -445,6 +445,14 @@ TEST(BackendComparison, TheRecordSaysHowOftenAndUntilWhenEachRan) {
   EXPECT_THAT(fact("comparison"), StartsWith("1 timed runs of each after 0; solved: converged, energy at most 0.5"));
   EXPECT_THAT(fact("stopping criterion of all"), HasSubstr("tolerance = 0.001"));
   EXPECT_THAT(fact("stopping criterion of all"), HasSubstr("max_iterations = 500"));
+  for (const char* sweep : {"\"solver.tolerance\" = [1e-3, 1e-5]\n", "solver = [{ tolerance = 1e-3 }]\n"}) {
+    const Record swept =
+        Study({{"a", always(nonlinear({1.0}))}}).run("[sweep]\n" + std::string(sweep) + variants({"a"}));
+    const auto found = std::find_if(swept.provenance.begin(), swept.provenance.end(),
+                                    [](const auto& entry) { return entry.first == "stopping criterion of all"; });
+    ASSERT_NE(found, swept.provenance.end());
+    EXPECT_THAT(found->second, HasSubstr("tolerance = as swept"));
+  }
 }
 
 TEST(BackendComparison, TablesShowWhatTheConfigSaysOrTheComparison) {

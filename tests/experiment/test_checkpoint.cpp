@@ -27,6 +27,27 @@ void expect_same(const M& a, const M& b) {
   }
 }
 
+void expect_same(const MeshFigure& to, const MeshFigure& from) {
+  EXPECT_EQ(to.name, from.name);
+  EXPECT_EQ(to.title, from.title);
+  EXPECT_EQ(to.caption, from.caption);
+  expect_same(to.mesh.positions, from.mesh.positions);
+  expect_same(to.mesh.cells, from.mesh.cells);
+  expect_same(to.cell_values, from.cell_values);
+  EXPECT_EQ(to.scale.low, from.scale.low);
+  EXPECT_EQ(to.scale.high, from.scale.high);
+  EXPECT_EQ(to.scale.logarithmic, from.scale.logarithmic);
+  EXPECT_EQ(to.scale.label, from.scale.label);
+  expect_same(to.uv, from.uv);
+  expect_same(to.uv_cells, from.uv_cells);
+  EXPECT_EQ(to.check_size, from.check_size);
+  EXPECT_EQ(to.fixed_vertices, from.fixed_vertices);
+  EXPECT_EQ(to.moved_vertices, from.moved_vertices);
+  EXPECT_EQ(to.soft_vertices, from.soft_vertices);
+  EXPECT_EQ(to.flipped_cells, from.flipped_cells);
+  EXPECT_EQ(to.edges, from.edges);
+}
+
 TEST(Checkpoint, KeepsFiguresAndTrialsToTheLastDigit) {
   const TemporaryFolder folder;
   MeshFigure figure{.name = "texture", .title = "t", .caption = "<c>"};
@@ -69,28 +90,7 @@ TEST(Checkpoint, KeepsFiguresAndTrialsToTheLastDigit) {
   ASSERT_TRUE(loaded);
 
   ASSERT_EQ(loaded->figures.size(), 2u);
-  for (const std::size_t i : {0u, 1u}) {
-    const MeshFigure& from = result.figures[i];
-    const MeshFigure& to = loaded->figures[i];
-    EXPECT_EQ(to.name, from.name);
-    EXPECT_EQ(to.title, from.title);
-    EXPECT_EQ(to.caption, from.caption);
-    expect_same(to.mesh.positions, from.mesh.positions);
-    expect_same(to.mesh.cells, from.mesh.cells);
-    expect_same(to.cell_values, from.cell_values);
-    EXPECT_EQ(to.scale.low, from.scale.low);
-    EXPECT_EQ(to.scale.high, from.scale.high);
-    EXPECT_EQ(to.scale.logarithmic, from.scale.logarithmic);
-    EXPECT_EQ(to.scale.label, from.scale.label);
-    expect_same(to.uv, from.uv);
-    expect_same(to.uv_cells, from.uv_cells);
-    EXPECT_EQ(to.check_size, from.check_size);
-    EXPECT_EQ(to.fixed_vertices, from.fixed_vertices);
-    EXPECT_EQ(to.moved_vertices, from.moved_vertices);
-    EXPECT_EQ(to.soft_vertices, from.soft_vertices);
-    EXPECT_EQ(to.flipped_cells, from.flipped_cells);
-    EXPECT_EQ(to.edges, from.edges);
-  }
+  for (const std::size_t i : {0u, 1u}) expect_same(loaded->figures[i], result.figures[i]);
   ASSERT_EQ(loaded->trials.size(), 1u);
   const Trials& read = loaded->trials[0];
   EXPECT_EQ(read.key, trials.key);
@@ -105,6 +105,58 @@ TEST(Checkpoint, KeepsFiguresAndTrialsToTheLastDigit) {
   EXPECT_EQ(Table::of(read.rows).csv(), Table::of(trials.rows).csv());
 
   EXPECT_FALSE(load_point(folder / "point.json", "another key"));
+}
+
+TEST(Checkpoint, KeepsFramesToTheLastDigitAndTheirCellsOnce) {
+  const TemporaryFolder folder;
+  PointResult result;
+  for (int i = 0; i < 4; ++i) {
+    Trajectory::Frame frame{.time = i / 3.0};
+    frame.figure = {.name = "motion", .scale = {.label = "angle"}};
+    frame.figure.mesh.positions = (Matrix(4, 2) << 0, 0, 1.0 / (i + 3.0), 0, 0, i, kNaN, 1).finished();
+    frame.figure.mesh.cells = (IndexMatrix(2, 3) << 0, 1, 2, 2, 1, 3).finished();
+    frame.figure.cell_values = (Vector(2) << 0.1 * i, i == 1 ? kInf : kNaN).finished();
+    if (i == 2) frame.figure.flipped_cells = {1};
+    result.trajectory.frames.push_back(frame);
+  }
+  result.trajectory.frames[3].figure.mesh.cells = (IndexMatrix(1, 3) << 0, 1, 2).finished();
+  result.trajectory.frames[3].figure.cell_values = Vector::Zero(1);
+  result.trajectory.curves = {{"volume", {0.0, 1.0 / 3.0}, {1.0, kNaN}}, {"error", {0.0}, {kInf}}};
+  save_point(folder / "point.json", "key", result);
+  const auto loaded = load_point(folder / "point.json", "key");
+  ASSERT_TRUE(loaded);
+  ASSERT_EQ(loaded->trajectory.frames.size(), 4u);
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Trajectory::Frame& from = result.trajectory.frames[i];
+    EXPECT_EQ(loaded->trajectory.frames[i].time, from.time);
+    expect_same(loaded->trajectory.frames[i].figure, from.figure);
+  }
+  ASSERT_EQ(loaded->trajectory.curves.size(), 2u);
+  EXPECT_EQ(loaded->trajectory.curves[0].label, "volume");
+  EXPECT_EQ(loaded->trajectory.curves[0].x, result.trajectory.curves[0].x);
+  EXPECT_TRUE(std::isnan(loaded->trajectory.curves[0].y[1]));
+  EXPECT_EQ(loaded->trajectory.curves[1].y, std::vector<double>{kInf});
+
+  const std::string text = content_of(folder / "point.json");
+  int cells = 0;
+  for (std::size_t at = text.find("\"cells\""); at != std::string::npos; at = text.find("\"cells\"", at + 1)) ++cells;
+  EXPECT_EQ(cells, 2) << "those of the first frame and those of the last, which are others";
+}
+
+TEST(Checkpoint, HalfOfOneIsNone) {
+  const TemporaryFolder folder;
+  PointResult result;
+  result.probes = Matrix::Random(5, 2);
+  save_point(folder / "point.json", "key", result);
+  const std::string whole = content_of(folder / "point.json");
+  ASSERT_TRUE(load_point(folder / "point.json", "key"));
+  std::ofstream(folder / "point.json") << whole.substr(0, whole.size() / 2);
+  EXPECT_FALSE(load_point(folder / "point.json", "key"));
+  std::string shorter = whole;
+  const std::size_t bytes = shorter.find("\"bytes\":\"", shorter.find("\"probes\"")) + 9;
+  shorter.erase(bytes, 4);
+  std::ofstream(folder / "point.json") << shorter;
+  EXPECT_FALSE(load_point(folder / "point.json", "key")) << "fewer numbers than rows and columns tell";
 }
 
 }  // namespace

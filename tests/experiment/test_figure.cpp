@@ -490,5 +490,56 @@ TEST(DrawPlot, RefusesWhatDoesNotFit) {
   EXPECT_THROW(draw_plot(convergence_plot(), folder / "missing" / "plot"), DataError);
 }
 
+TEST(DrawFrames, PicturesAreOfOneSizeAndTheirScaleAndPlaceAreCommon) {
+  const TemporaryFolder folder;
+  for (const bool is_spatial : {false, true}) {
+    std::vector<MeshFigure> frames;
+    std::vector<std::filesystem::path> files;
+    for (const double size : {0.5, 1.0, 2.0}) {
+      frames.push_back(square(4));
+      frames.back().title.clear();
+      if (is_spatial) {
+        Matrix positions = Matrix::Zero(frames.back().mesh.vertex_count(), 3);
+        positions.leftCols(2) = frames.back().mesh.positions;
+        frames.back().mesh.positions = positions;
+      }
+      frames.back().mesh.positions *= size;
+      frames.back().scale = {.low = 0.0, .high = 1.0, .label = "energy"};
+      files.push_back(folder / fmt::format("{}.png", size));
+    }
+    draw_frames(frames, files, {.direction = {0, 0, 1}, .up = {0, 1, 0}});
+    std::vector<Extent> extents;
+    for (const auto& file : files) {
+      const Picture picture(file);
+      EXPECT_EQ(picture.width(), Picture(files[0]).width());
+      EXPECT_EQ(picture.height(), Picture(files[0]).height());
+      EXPECT_LE(picture.width(), 640);
+      EXPECT_GT(picture.width(), 500);
+      extents.push_back(extent_of(picture, 0, picture.width() - 110));  // left of the colour bar
+    }
+    const Extent& largest = extents.back();
+    EXPECT_GT(largest.width(), 300);
+    for (std::size_t i = 0; i < 3; ++i) {
+      const double share = std::pow(0.5, 2.0 - static_cast<double>(i));
+      EXPECT_NEAR(extents[i].left, largest.left, 1) << "the corner at the origin stays";
+      EXPECT_NEAR(extents[i].bottom, largest.bottom, 1);
+      EXPECT_NEAR(extents[i].width(), share * largest.width(), 6);
+      EXPECT_NEAR(extents[i].height(), share * largest.height(), 6);
+    }
+  }
+}
+
+TEST(DrawFrames, OneFrameIsTheOnlyPanelOfAPictureAndNoneIsNone) {
+  const TemporaryFolder folder;
+  draw_frames({}, {});
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+  draw_frames({square(2)}, {folder / "a.png"});
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1) << "no SVG";
+  EXPECT_THROW(draw_frames({square(2)}, {}), UsageError);
+  MeshFigure broken = square(2);
+  broken.mesh.cells(0, 0) = 99;
+  EXPECT_THROW(draw_frames({broken}, {folder / "b.png"}), UsageError);
+}
+
 }  // namespace
 }  // namespace variform

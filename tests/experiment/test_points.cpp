@@ -10,6 +10,7 @@
 #include "framework/base/stopwatch.h"
 #include "framework/experiment/folder_lock.h"
 #include "framework/experiment/runner.h"
+#include "tests/experiment/row_texts.h"
 #include "tests/experiment/temporary_folder.h"
 #include "tests/experiment_child/trouble.h"
 
@@ -26,15 +27,6 @@ Config config_of(const std::string& text) {
 
 RunOptions in_processes(const fs::path& folder, int jobs = 2) {
   return {.folder = folder, .figures = false, .point_command = {VARIFORM_TEST_CHILD, "point"}, .jobs = jobs};
-}
-
-std::vector<std::string> texts(const Record& record, const std::string& key) {
-  std::vector<std::string> texts;
-  for (const Row& row : record.rows) {
-    const Value* const value = row.find(key);
-    texts.push_back(value == nullptr ? "-" : to_text(*value));
-  }
-  return texts;
 }
 
 std::set<std::string> files_in(const fs::path& folder) {

@@ -45,7 +45,7 @@ TEST(Record, JsonKeepsRowsAndTheOrderOfKeys) {
   std::vector<std::string> keys;
   for (const auto& item : json.items()) keys.push_back(item.key());
   EXPECT_THAT(keys, ElementsAre("title", "source", "pipeline", "config", "provenance", "warnings", "rows", "figures",
-                                "claims", "searches"));
+                                "animations", "claims", "searches"));
   keys.clear();
   for (const auto& item : json["rows"][0].items()) keys.push_back(item.key());
   EXPECT_THAT(keys, ElementsAre("zeta", "error", "cells"));

@@ -32,6 +32,9 @@ int point() {
     return static_cast<int>(error.exit_code());
   } catch (const std::bad_alloc&) {
     return variform::kExitOutOfMemory;
+  } catch (const std::exception& error) {
+    std::cerr << "error: " << error.what() << "\n";
+    return static_cast<int>(variform::ExitCode::data);
   }
   return 0;
 }
@@ -68,6 +71,16 @@ int act(const std::vector<std::string>& words) {
   } else if (what == "sign") {
     variform::write_file(words[1], std::to_string(getpid()));
     rest(3600.0);
+  } else if (what == "keep") {  // saves states of one letter each, again and again
+    const variform::Workspace workspace(words[1], "key", false);
+    for (char letter = 'a';; letter = letter == 'z' ? 'a' : static_cast<char>(letter + 1)) {
+      workspace.save(std::string(std::size_t{1} << 20, letter));
+    }
+  } else if (what == "study") {  // runs a config in processes, into a folder
+    const auto config = variform::Config::parse(words[1], "study.toml", std::filesystem::temp_directory_path());
+    variform::run_experiment(
+        config, variform::trouble_pipelines(),
+        {.folder = words[2], .figures = false, .point_command = {variform::kThisProgram, "point"}});
   } else if (what == "point") {
     return point();
   } else if (what == "parent") {  // says its child's id and rests

@@ -17,12 +17,16 @@
 #include "framework/base/error.h"
 #include "solvers/linear/blas.h"
 #include "solvers/linear/linear_backends.h"
+#include "tests/support.h"
 
 // SuperLU, which PETSc factorizes with, keeps what it had when a matrix turns out to be singular.
 extern "C" const char* __lsan_default_suppressions() { return "leak:libsuperlu"; }
 
 namespace variform {
 namespace {
+
+using testing::message_of;
+using testing::test_name;
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
@@ -108,24 +112,6 @@ std::vector<std::string> available(bool LinearCapabilities::*capability) {
     if (entry.available && entry.capabilities.*capability) names.push_back(entry.name);
   }
   return names;
-}
-
-template <class Call>
-std::string message_of(const Call& call, ExitCode code) {
-  try {
-    call();
-  } catch (const Error& error) {
-    EXPECT_EQ(error.exit_code(), code) << error.what();
-    return error.what();
-  }
-  ADD_FAILURE() << "no error";
-  return {};
-}
-
-std::string test_name(const ::testing::TestParamInfo<std::string>& info) {
-  std::string name = info.param;
-  std::replace(name.begin(), name.end(), '.', '_');
-  return name;
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -532,6 +518,39 @@ TEST(EigenCg, MultigridTakesBlocksAndOptions) {
               HasSubstr("-pc_hypre_boomeramg_treshold"));
 }
 
+TEST(ConjugateGradients, OptionsOfMultigridAreRefusedWithoutIt) {
+  const std::vector<std::pair<std::string, ParameterValue>> options = {
+      {"multigrid", std::string("gamg")}, {"block_size", std::int64_t{2}}, {"multigrid_options", std::string("-x 1")}};
+  for (const auto& [option, value] : options) {
+    for (const char* preconditioner : {"diagonal", "incomplete_cholesky", "none"}) {
+      Parameters parameters(linear_backends().find("eigen.cg").parameters);
+      parameters.set("preconditioner", std::string(preconditioner));
+      parameters.set(option, value);
+      EXPECT_THAT(message_of([&] { make_linear_backend("eigen.cg", parameters); }, ExitCode::usage),
+                  AllOf(HasSubstr(option), HasSubstr(preconditioner)));
+    }
+  }
+}
+
+/// Has no memory for a factor.
+class Exhausted final : public LinearBackend {
+ public:
+  Exhausted() : LinearBackend("exhausted") {}
+  LinearCapabilities capabilities() const override { return {.spd = true}; }
+
+ private:
+  void do_analyze() override {}
+  void do_factorize() override { throw std::bad_alloc(); }
+  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override { return B; }
+};
+
+TEST(LinearBackend, ALackOfMemoryIsToldFromAFailure) {
+  Exhausted backend;
+  EXPECT_THROW(backend.factorize(grid_laplacian(3, 2), MatrixKind::spd), std::bad_alloc);
+  EXPECT_FALSE(backend.report().ok);
+  EXPECT_EQ(backend.report().reason, "out of memory (9 x 9 system)");
+}
+
 TEST(Petsc, MethodsAndPreconditionersAreChosenByName) {
   if (!kWithPetsc) return;
   const SparseMatrix A = grid_laplacian(30, 2);
@@ -566,7 +585,9 @@ TEST(Petsc, OptionsComeLastAndEveryOneIsUnderstood) {
 
   const auto misspelt = make("petsc", {{"options", std::string("-pc_gamg_treshold 0.02")}});
   misspelt->factorize(A, MatrixKind::spd);
-  EXPECT_THAT(message_of([&] { misspelt->solve(b); }, ExitCode::usage), HasSubstr("-pc_gamg_treshold"));
+  for (const char* time : {"first", "second"}) {
+    EXPECT_THAT(message_of([&] { misspelt->solve(b); }, ExitCode::usage), HasSubstr("-pc_gamg_treshold")) << time;
+  }
   EXPECT_THAT(message_of(
                   [] {
                     make("petsc", {{"options", std::string("gamg")}});

@@ -79,6 +79,11 @@ TEST(Newton, ObjectivesWithoutAHessianAreRefused) {
   };
   Plain objective;
   EXPECT_THROW(make_nonlinear_backend("newton")->minimize(objective, Matrix{{1.0}}, {}), UsageError);
+  for (const char* name : {"newton", "gauss_newton"}) {
+    Parameters parameters(nonlinear_backends().find(name).parameters);
+    parameters.set("damping", 1.0);
+    EXPECT_THROW(parameters.set("damping", 1.01), UsageError) << name;
+  }
 }
 
 // With x = 1 + e the next error of a full step is -e^2 exactly: order two.
