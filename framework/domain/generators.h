@@ -92,6 +92,70 @@ Mesh three_balls_mesh(const RectangleOptions& sheet);
 /// normals.
 Mesh hood_mesh(const RectangleOptions& sheet);
 
+/// Open tube about the z axis, from z = 0 to `length`: around x along quads, each cut into two triangles, outward
+/// normals. Vertex i of ring k has the number k around + i.
+struct TubeOptions {
+  double radius = 0.5;
+  double length = 4.0;
+  int around = 24;
+  int along = 48;
+  bool alternating = true;  ///< union-jack diagonals; else all the same way
+};
+Mesh tube_mesh(const TubeOptions& options);
+
+/// Closed square tube about the z axis, from z = 0 to `length`: `along` x `across` quads on each of its four sides and
+/// across x across on both caps, outward normals.
+struct SquareTubeOptions {
+  double length = 4.0;
+  double width = 0.8;
+  int along = 40;
+  int across = 6;
+  bool alternating = true;
+};
+Mesh square_tube_mesh(const SquareTubeOptions& options);
+
+/// A rectangle with bumps x bumps half ellipsoids, one in the middle of each of as many parts: z = height sqrt(1 - (r /
+/// radius)^2) within `radius` of their centres. Upward normals.
+struct BumpArrayOptions {
+  RectangleOptions base = {};
+  int bumps = 5;
+  double radius = 0.07;
+  double height = 0.07;
+};
+Mesh bump_array_mesh(const BumpArrayOptions& options);
+
+/// The graph of (1 - x^2) (1 - y^2) / 2 over [-1, 1]^2, tessellated as `sheet` says. Upward normals.
+Mesh pillow_mesh(const RectangleOptions& sheet);
+
+/// Tetrahedra in a body [-0.4, 0.4] x [-1, 1] x [-0.3, 0.3] with two thin wings, |x| <= 2, |y| <= 0.3, |z| <= 0.1: Kuhn
+/// subdivision of a grid with steps of about h, at most 0.4, mirror symmetric about x = 0 with all its cells. Positive.
+Mesh wing_tet_mesh(double h);
+
+/// Surface of the box [0, 2] x [0, 1] x [0, 1/2] with a hood that is raised by up to 0.2 over the front half: z grows
+/// by 2 z 0.2 sin^2(pi (x - 1)) sin^2(pi y) for x > 1. Closed, outward normals.
+Mesh box_car_mesh(double h);
+
+/// Surface of a cactus, closed, outward normals: a trunk of radius 0.12 along the z axis from z = 0 to 1.12 and two
+/// arms of radius 0.07 (x > 0) and 0.06 (x < 0) that leave it sideways and bend upwards, with rounded corners between
+/// them. Vertices lie on the surface, edges are about h long, at most 0.04.
+Mesh cactus_surface_mesh(double h);
+/// The part of that cactus that a point belongs to: 0 the trunk, 1 the arm with x > 0, 2 the other one.
+int cactus_surface_part(const Eigen::Vector3d& point);
+
+/// Sphere about the origin in meridians and parallels (rings between the poles): meridians parallels + 2 vertices,
+/// closed, outward normals.
+Mesh lattice_sphere_mesh(double radius, int meridians, int parallels);
+
+/// Convex hull of random points on a sphere about the origin, closed, outward normals. In every round the points move
+/// to the directions of the means of their neighbours: none gives very bad triangles, some make them even.
+struct RandomSphereOptions {
+  double radius = 1.0;
+  int points = 642;
+  int rounds = 1;
+  std::uint64_t seed = 1;
+};
+Mesh random_sphere_mesh(const RandomSphereOptions& options);
+
 /// Names of the planar silhouettes with thin limbs: "figure" (a person with thin arms and legs), "giraffe" (long neck,
 /// thin legs, tail), "frog" (splayed thin legs), "cactus" (branching).
 const std::vector<std::string>& silhouette_names();

@@ -7,148 +7,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <numbers>
 
 #include "framework/base/error.h"
 #include "framework/experiment/config_keys.h"
+#include "framework/experiment/selection.h"
 
 namespace variform {
 namespace {
 
-// For what makes sense in a config, but not on this mesh.
-[[noreturn]] void data_error(const ConfigNode& node, const std::string& what) {
-  node.located([&]() -> int { throw DataError(what); });
-  std::abort();  // not reached
-}
-
-std::vector<double> finite_numbers(const ConfigNode& node) {
-  std::vector<double> numbers = node.numbers();
-  if (!std::all_of(numbers.begin(), numbers.end(), [](double x) { return std::isfinite(x); })) {
-    node.fail("expected finite numbers");
-  }
-  return numbers;
-}
-
-// Reads points and lengths of one constraint, in units of the points given or relative to their bounding box.
-class Frame {
- public:
-  Frame(const Matrix& points, bool relative)
-      : points_(points), dimension_(static_cast<int>(points.cols())), relative_(relative) {
-    low_ = points.colwise().minCoeff();
-    extent_ = points.colwise().maxCoeff() - low_;
-  }
-
-  Eigen::RowVectorXd vector(const ConfigNode& node) const { return length_unit() * coordinates(node); }
-  Eigen::RowVectorXd point(const ConfigNode& node) const { return placed(coordinates(node)); }
-  double length(double value) const { return length_unit() * value; }
-
-  Eigen::RowVectorXd placed(const Eigen::RowVectorXd& x) const {
-    return relative_ ? Eigen::RowVectorXd(low_ + x.cwiseProduct(extent_)) : x;
-  }
-  int dimension() const { return dimension_; }
-  const Matrix& points() const { return points_; }
-  double diameter() const { return extent_.norm(); }
-
- private:
-  double length_unit() const { return relative_ ? extent_.maxCoeff() : 1.0; }
-
-  Eigen::RowVectorXd coordinates(const ConfigNode& node) const {
-    const std::vector<double> numbers = finite_numbers(node);
-    if (static_cast<int>(numbers.size()) != dimension_) {
-      node.fail(fmt::format("expected {} coordinates, got {}", dimension_, numbers.size()));
-    }
-    return Eigen::Map<const Eigen::RowVectorXd>(numbers.data(), dimension_);
-  }
-
-  const Matrix& points_;
-  int dimension_;
-  bool relative_;
-  Eigen::RowVectorXd low_;
-  Eigen::RowVectorXd extent_;
-};
-
-// The space that points are given in: that of the mesh, unless their count of numbers is that of a point of the state.
-const Frame& frame_of(const ConfigNode& node, const Frame& place, const Frame& image, int points, int extra) {
-  const auto numbers = static_cast<int>(node.numbers().size());
-  const bool in_image = numbers == points * image.dimension() + extra && place.dimension() != image.dimension();
-  return in_image ? image : place;
-}
-
-// A point that is farther from the mesh, by its diameter, is a mistake.
-constexpr double kFarAway = 0.5;
-
-Index nearest_vertex(const Frame& frame, const Eigen::RowVectorXd& point) {
-  Index best = 0;
-  (frame.points().rowwise() - point).rowwise().squaredNorm().minCoeff(&best);
-  return best;
-}
-
-std::vector<Index> selected(const ConfigNode& node, const Domain& domain, const Frame& place, const Frame& image) {
-  const std::vector<std::string> ways = config_section("[[constraint]] select").names();
-  node.accept_keys(ways);
-  if (node.children().size() != 1) node.fail(fmt::format("expected exactly one of {}", fmt::join(ways, ", ")));
-  const ConfigNode how = node.children().front();
-  std::vector<Index> vertices;
-  const auto keep_if = [&](const auto& inside) {
-    for (Index v = 0; v < domain.vertex_count(); ++v) {
-      if (inside(v)) vertices.push_back(v);
-    }
-  };
-  const auto nearest = [&](const ConfigNode& node_of_point) {
-    const Frame& frame = frame_of(node_of_point, place, image, 1, 0);
-    const Eigen::RowVectorXd point = frame.point(node_of_point);
-    const Index v = nearest_vertex(frame, point);
-    const double distance = (frame.points().row(v) - point).norm();
-    if (distance > kFarAway * frame.diameter()) {
-      data_error(node_of_point,
-                 fmt::format("the nearest vertex, {}, is {:.3g} away, and the {} only {:.3g} across", v, distance,
-                             &frame == &image && &frame != &place ? "map is" : "mesh is", frame.diameter()));
-    }
-    vertices.push_back(v);
-  };
-  if (how.name() == "near") {
-    nearest(how);
-  } else if (how.name() == "points") {
-    for (const ConfigNode& point : how.elements()) nearest(point);
-  } else if (how.name() == "boundary") {
-    if (!how.boolean()) how.fail("expected true");
-    keep_if([&](Index v) { return domain.boundary_vertices()[v]; });
-  } else {
-    const bool box = how.name() == "box";
-    const Frame& frame = frame_of(how, place, image, box ? 2 : 1, box ? 0 : 1);
-    const int d = frame.dimension();
-    const std::vector<double> numbers = finite_numbers(how);
-    const std::size_t wanted = box ? 2 * d : d + 1;
-    if (numbers.size() != wanted) how.fail(fmt::format("expected {} numbers, got {}", wanted, numbers.size()));
-    const Eigen::RowVectorXd first = frame.placed(Eigen::Map<const Eigen::RowVectorXd>(numbers.data(), d));
-    if (box) {
-      const Eigen::RowVectorXd second = frame.placed(Eigen::Map<const Eigen::RowVectorXd>(numbers.data() + d, d));
-      const double slack = 1e-9 * frame.diameter();
-      keep_if([&](Index v) {
-        return ((frame.points().row(v) - first).array() >= -slack).all() &&
-               ((frame.points().row(v) - second).array() <= slack).all();
-      });
-    } else {
-      const double radius = frame.length(numbers.back());
-      keep_if([&](Index v) { return (frame.points().row(v) - first).norm() <= radius; });
-    }
-  }
-  if (vertices.empty()) data_error(how, "no vertex is selected");
-  return vertices;
-}
-
 double angle_of(const ConfigNode& node) { return node.number_or("rotate", 0.0) * std::numbers::pi / 180.0; }
-
-// Unit axis of a rotation in space.
-Eigen::Vector3d axis_of(const ConfigNode& node) {
-  if (!node.has("axis")) node.at("rotate").fail("a rotation in space needs an axis = [x, y, z]");
-  const std::vector<double> numbers = finite_numbers(node.at("axis"));
-  if (numbers.size() != 3) node.at("axis").fail("expected 3 numbers");
-  const Eigen::Vector3d axis(numbers[0], numbers[1], numbers[2]);
-  if (!(axis.norm() > 0.0)) node.at("axis").fail("expected a direction");
-  return axis.normalized();
-}
 
 Eigen::MatrixXd rotation(const ConfigNode& node, int dimension) {
   Eigen::MatrixXd Q = Eigen::MatrixXd::Identity(dimension, dimension);
@@ -185,7 +53,7 @@ Matrix rows_of(const Matrix& values, const std::vector<Index>& rows) {
 }
 
 // Where each vertex goes.
-Matrix targets(const ConfigNode& node, const Frame& image, const std::vector<Index>& vertices) {
+Matrix targets(const ConfigNode& node, const CoordinateFrame& image, const std::vector<Index>& vertices) {
   Matrix result = rows_of(image.points(), vertices);
   if (node.has("positions")) {
     const std::vector<ConfigNode> points = node.at("positions").elements();
@@ -212,7 +80,7 @@ Matrix targets(const ConfigNode& node, const Frame& image, const std::vector<Ind
 }
 
 // The velocity of each vertex.
-Matrix velocities(const ConfigNode& node, const Frame& place, const std::vector<Index>& vertices) {
+Matrix velocities(const ConfigNode& node, const CoordinateFrame& place, const std::vector<Index>& vertices) {
   const Matrix x = rows_of(place.points(), vertices);
   Matrix result = Matrix::Zero(x.rows(), x.cols());
   if (!node.has("velocity")) return result;
@@ -253,9 +121,7 @@ void check_constraints(const std::vector<ConfigNode>& nodes, bool velocities) {
         node.fail(fmt::format("'{}' is for kind = \"hard\" and \"soft\"", fmt::join(values, "' and '")));
     }
     if (node.has("positions") && node.has("move")) node.fail("expected either 'positions' or 'move'");
-    if (node.has("vertices") == node.has("select")) node.fail("expected either 'vertices' or 'select'");
-    if (node.has("vertices") && node.at("vertices").integers().empty())
-      node.at("vertices").fail("expected at least one vertex");
+    check_selection(node);
     node.boolean_or("relative", false);
   }
 }
@@ -270,18 +136,9 @@ LoadedConstraints load_constraints(const std::vector<ConfigNode>& nodes, const L
   for (const ConfigNode& node : nodes) {
     const std::string kind = node.at("kind").string();
     const bool relative = node.boolean_or("relative", false);
-    const Frame place(domain.positions(), relative);
-    const Frame image(state, relative);
-    std::vector<Index> vertices;
-    if (node.has("vertices")) {
-      for (const ConfigNode& entry : node.at("vertices").elements()) {
-        const Index v = entry.located([&] { return source.domain_vertex(entry.integer()); });
-        if (v < 0) data_error(entry, fmt::format("vertex {} belongs to no cell", entry.integer()));
-        vertices.push_back(v);
-      }
-    } else {
-      vertices = selected(node.at("select"), domain, place, image);
-    }
+    const CoordinateFrame place(domain.positions(), relative);
+    const CoordinateFrame image(state, relative);
+    const std::vector<Index> vertices = selected_vertices(node, source, place, image);
     node.located([&] {
       if (kind == "identify") {
         if (vertices.size() < 2) throw UsageError("expected at least two vertices to identify");

@@ -103,6 +103,14 @@ Mesh make_bar_tet(const Parameters& p) {
                       static_cast<std::uint64_t>(p.integer("seed")));
 }
 
+Parameter count(const std::string& name, std::int64_t value, const std::string& doc) {
+  return {.name = name, .value = value, .doc = doc, .min = 1.0, .max = 1e6};
+}
+
+Parameter alternating_parameter() {
+  return {.name = "alternating", .value = true, .doc = "diagonals in turns; false: all the same way"};
+}
+
 std::vector<GeneratorEntry> make_generators() {
   std::vector<GeneratorEntry> entries = {
       {"square", "[0,width] x [0,height], by default the unit square", rectangle_parameters(1.0, 1.0), make_rectangle},
@@ -152,7 +160,82 @@ std::vector<GeneratorEntry> make_generators() {
       {"three_balls", "the unit square with three steep swellings like balls, hard to parametrize",
        sheet_parameters(1.0 / 48), [](const Parameters& p) { return three_balls_mesh(sheet_options(p)); }},
       {"hood", "sheet of 1.2 x 1 curved like the hood of a car, with a rim bent down", sheet_parameters(1.0 / 32),
-       [](const Parameters& p) { return hood_mesh(sheet_options(p)); }}};
+       [](const Parameters& p) { return hood_mesh(sheet_options(p)); }},
+      {"tube",
+       "open round tube about the z axis",
+       {positive("radius", 0.5, "of the tube"), positive("length", 4.0, "extent in z"), count("around", 24, "quads"),
+        count("along", 48, "quads"), alternating_parameter()},
+       [](const Parameters& p) {
+         return tube_mesh({.radius = p.number("radius"),
+                           .length = p.number("length"),
+                           .around = static_cast<int>(p.integer("around")),
+                           .along = static_cast<int>(p.integer("along")),
+                           .alternating = p.boolean("alternating")});
+       }},
+      {"square_tube",
+       "closed square tube about the z axis, with caps",
+       {positive("length", 4.0, "extent in z"), positive("width", 0.8, "extent in x and y"),
+        count("along", 40, "quads of each side"), count("across", 6, "quads of each side and cap"),
+        alternating_parameter()},
+       [](const Parameters& p) {
+         return square_tube_mesh({.length = p.number("length"),
+                                  .width = p.number("width"),
+                                  .along = static_cast<int>(p.integer("along")),
+                                  .across = static_cast<int>(p.integer("across")),
+                                  .alternating = p.boolean("alternating")});
+       }},
+      {"bump_array", "rectangle with a regular array of half ellipsoids",
+       rectangle_parameters(1.0, 1.0) +
+           std::vector<Parameter>{count("bumps", 5, "in each direction"),
+                                  positive("radius", 0.07, "of a bump"),
+                                  {.name = "bump_height", .value = 0.07, .doc = "of a bump"}},
+       [](const Parameters& p) {
+         BumpArrayOptions options{.base = sheet_options(p),
+                                  .bumps = static_cast<int>(p.integer("bumps")),
+                                  .radius = p.number("radius"),
+                                  .height = p.number("bump_height")};
+         options.base.width = p.number("width");
+         options.base.height = p.number("height");
+         return bump_array_mesh(options);
+       }},
+      {"pillow", "the graph of (1 - x^2) (1 - y^2) / 2 over [-1, 1]^2", sheet_parameters(1.0 / 16),
+       [](const Parameters& p) { return pillow_mesh(sheet_options(p)); }},
+      {"wing_tet",
+       "body with two thin wings filled with tetrahedra, mirror symmetric about x = 0",
+       {edge_length(0.1)},
+       [](const Parameters& p) { return wing_tet_mesh(p.number("h")); }},
+      {"box_car",
+       "surface of a box of 2 x 1 x 0.5 with a raised hood",
+       {edge_length(1.0 / 24)},
+       [](const Parameters& p) { return box_car_mesh(p.number("h")); }},
+      {"cactus_surface",
+       "surface of a trunk with two bent arms, 1.1 high",
+       {edge_length(0.0155)},
+       [](const Parameters& p) { return cactus_surface_mesh(p.number("h")); }},
+      {"lattice_sphere",
+       "sphere about the origin in meridians and parallels",
+       {positive("radius", 1.0, "of the sphere"), count("meridians", 36, "at least 3"),
+        count("parallels", 17, "rings between the poles")},
+       [](const Parameters& p) {
+         return lattice_sphere_mesh(p.number("radius"), static_cast<int>(p.integer("meridians")),
+                                    static_cast<int>(p.integer("parallels")));
+       }},
+      {"random_sphere",
+       "convex hull of random points on a sphere about the origin",
+       {positive("radius", 1.0, "of the sphere"),
+        count("points", 642, "12 to 20000"),
+        {.name = "rounds",
+         .value = std::int64_t{1},
+         .doc = "of smoothing: every point to the mean of its neighbours",
+         .min = 0.0,
+         .max = 1000.0},
+        seed_parameter()},
+       [](const Parameters& p) {
+         return random_sphere_mesh({.radius = p.number("radius"),
+                                    .points = static_cast<int>(p.integer("points")),
+                                    .rounds = static_cast<int>(p.integer("rounds")),
+                                    .seed = static_cast<std::uint64_t>(p.integer("seed"))});
+       }}};
   for (const std::string& name : silhouette_names()) {
     entries.push_back({name,
                        fmt::format("planar silhouette of a {} with thin limbs, about 1 unit across", name),
@@ -162,7 +245,8 @@ std::vector<GeneratorEntry> make_generators() {
   return entries;
 }
 
-const std::vector<std::string> kCommonKeys = {"generator", "mesh", "triangulate", "repair", "scale", "degrade", "cut"};
+const std::vector<std::string> kCommonKeys = {"generator", "mesh",  "triangulate", "repair", "kind",
+                                              "centred",   "scale", "degrade",     "cut"};
 
 const GeneratorEntry& generator_of(const ConfigNode& node) {
   const ConfigNode name = node.at("generator");
@@ -198,6 +282,15 @@ double read_scale(const ConfigNode& node) {
   const double scale = node.number_or("scale", 1.0);
   if (!(scale > 0.0 && std::isfinite(scale))) node.at("scale").fail("expected a positive number");
   return scale;
+}
+
+/// Whether a flat mesh is to be a surface in space.
+bool read_surface(const ConfigNode& node) {
+  if (!node.has("kind")) return false;
+  if (node.at("kind").string() != "surface") {
+    node.at("kind").fail("expected \"surface\"; other kinds follow from the mesh");
+  }
+  return true;
 }
 
 const DomainModifier& modifier(const std::string& name) {
@@ -264,12 +357,32 @@ Source read_and_repaired(const ConfigNode& node, const std::filesystem::path& fo
   for (const std::string& warning : read.warnings) warnings.push_back(file.filename().string() + ": " + warning);
   const RepairOptions repairs = read_repairs(node);
   try {
-    MeshRepair repaired = repair_mesh(flattened(read.mesh), repairs);
+    MeshRepair repaired = repair_mesh(read_surface(node) ? read.mesh : flattened(read.mesh), repairs);
     for (const std::string& warning : repaired.warnings) warnings.push_back(file.filename().string() + ": " + warning);
     return {std::move(read.mesh), std::move(repaired)};
   } catch (const DataError& error) {
     throw DataError(fmt::format("{}: {}", file.string(), error.what()));
   }
+}
+
+/// Puts the centre of the bounding box of the input into the origin.
+void centre(Source& source) {
+  const Matrix& x = source.input.positions;
+  const Eigen::RowVectorXd middle = 0.5 * (x.colwise().minCoeff() + x.colwise().maxCoeff());
+  const int flat = source.repaired.mesh.positions.cols() == x.cols() ? -1 : flat_axis(source.input);
+  for (int c = 0, to = 0; c < x.cols(); ++c) {
+    if (c != flat) source.repaired.mesh.positions.col(to++).array() -= middle[c];
+  }
+  source.input.positions.rowwise() -= middle;
+}
+
+/// With a third coordinate, 0 where there was none.
+Mesh in_space(Mesh mesh) {
+  if (mesh.positions.cols() == 2) {
+    mesh.positions.conservativeResize(Eigen::NoChange, 3);
+    mesh.positions.col(2).setZero();
+  }
+  return mesh;
 }
 
 /// The edges to cut, in vertices of the input.
@@ -386,6 +499,8 @@ void check_domain(const ConfigNode& node) {
   }
   node.boolean_or("triangulate", false);
   read_repairs(node);
+  read_surface(node);
+  node.boolean_or("centred", false);
   read_scale(node);
   if (node.has("degrade")) read_degrade(node.at("degrade"));
   if (node.has("cut")) read_cut(node.at("cut"));
@@ -395,13 +510,16 @@ LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& co
   check_domain(node);
   std::vector<std::string> warnings;
   Source source = node.has("generator") ? generated_source(node) : read_and_repaired(node, config_folder, warnings);
+  if (node.boolean_or("centred", false)) centre(source);
   const double scale = read_scale(node);
   source.input.positions *= scale;
   source.repaired.mesh.positions *= scale;
   const std::string where = node.has("mesh") ? node.at("mesh").string() + ": " : "";
+  const bool surface = read_surface(node);
+  if (surface && source.input.cells.cols() == 4) node.at("kind").fail("a mesh of tetrahedra is no surface");
   const auto checked = [&](const Mesh& m) {
     try {
-      return Domain(m);
+      return surface && m.positions.cols() == 3 ? Domain(m, DomainKind::surface) : Domain(m);
     } catch (const DataError& error) {
       throw DataError(where + error.what());
     }
@@ -419,6 +537,10 @@ LoadedDomain load_domain(const ConfigNode& node, const std::filesystem::path& co
     source.input = degrade.located([&] { return degrade_mesh({domain.positions(), domain.cells()}, options); });
     source.repaired.vertex_origin = identity(source.input.vertex_count());
     domain = checked(source.input);
+  }
+  if (surface && domain.kind() == DomainKind::planar) {
+    source.input = in_space(std::move(source.input));
+    domain = checked(in_space({domain.positions(), domain.cells()}));
   }
   LoadedDomain loaded{std::move(domain),
                       std::move(warnings),

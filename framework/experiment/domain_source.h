@@ -39,6 +39,8 @@ const std::vector<DomainModifier>& domain_modifiers();
 ///   mesh = "file.obj"            # looked up as find_input does
 ///   triangulate = false          # split polygons
 ///   repair = ["orientation", "unreferenced_vertices", "degenerate_cells", "duplicate_cells"]  # default: the first two
+///   kind = "surface"             # flat triangle meshes as surfaces in space, z = 0; without it they are planar
+///   centred = false              # true: the centre of the bounding box goes to the origin, before the scale
 ///   scale = 1.0                  # multiplies all coordinates
 ///   [domain.degrade]             # a badly tessellated variant (planar): jitter, flip_fraction, refinements, seed
 ///   [domain.cut]                 # triangle meshes, one of:

@@ -26,6 +26,9 @@ struct Grid {
     for (int d = 0; d < 3; ++d) counts[d] = steps(size[d], h);
   }
 
+  /// With given counts.
+  Grid(const std::array<double, 3>& sizes, const std::array<double, 3>& parts) : size(sizes), counts(parts) {}
+
   /// Once the number of cells is known to be small.
   Counts indices() const {
     return {static_cast<Index>(counts[0]), static_cast<Index>(counts[1]), static_cast<Index>(counts[2])};
@@ -59,17 +62,17 @@ class SurfaceNumbering {
   Counts n_;
 };
 
-}  // namespace
-
-Mesh bar_surface_mesh(double length, double width, double height, double h) {
-  const Grid grid(length, width, height, h);
+double surface_cells(const Grid& grid) {
   const auto& [cx, cy, cz] = grid.counts;
-  const double cells = 4.0 * (cx * cy + cy * cz + cz * cx);
-  require_cell_count("h", h, cells);
+  return 4.0 * (cx * cy + cy * cz + cz * cx);
+}
+
+/// The surface of a box, closed, outward. Diagonals all the same way on each side, or in turns.
+Mesh box_surface(const Grid& grid, bool alternating) {
   const Counts n = grid.indices();
   const SurfaceNumbering vertex(n);
 
-  Mesh mesh{Matrix(vertex.count(), 3), IndexMatrix(static_cast<Index>(cells), 3)};
+  Mesh mesh{Matrix(vertex.count(), 3), IndexMatrix(static_cast<Index>(surface_cells(grid)), 3)};
   for (Index i = 0; i <= n[0]; ++i) {
     for (Index j = 0; j <= n[1]; ++j) {
       // Inside the box only the two ends of a line of points are on the surface.
@@ -94,12 +97,36 @@ Mesh bar_surface_mesh(double length, double width, double height, double h) {
           };
           // Along the positive axis (u, v) turns counter-clockwise; the opposite side is seen from behind.
           const Index flip = side == 0 ? 1 : 0;
-          mesh.cells.row(t) << corner(0, 0), corner(1 - flip, flip), corner(1, 1);
-          mesh.cells.row(t + 1) << corner(0, 0), corner(1, 1), corner(flip, 1 - flip);
+          const std::array<Index, 4> quad = {corner(0, 0), corner(1 - flip, flip), corner(1, 1),
+                                             corner(flip, 1 - flip)};
+          const int first = alternating && (i + j) % 2 == 1 ? 1 : 0;  // where the diagonal starts
+          mesh.cells.row(t) << quad[first], quad[first + 1], quad[(first + 2) % 4];
+          mesh.cells.row(t + 1) << quad[first], quad[first + 2], quad[(first + 3) % 4];
         }
       }
     }
   }
+  return mesh;
+}
+
+}  // namespace
+
+Mesh bar_surface_mesh(double length, double width, double height, double h) {
+  const Grid grid(length, width, height, h);
+  require_cell_count("h", h, surface_cells(grid));
+  return box_surface(grid, false);
+}
+
+Mesh square_tube_mesh(const SquareTubeOptions& options) {
+  require_positive("length", options.length);
+  require_positive("width", options.width);
+  require_range("along", options.along, 1.0, 1e6);
+  require_range("across", options.across, 1.0, 1e6);
+  const auto across = static_cast<double>(options.across);
+  const Grid grid({options.width, options.width, options.length}, {across, across, static_cast<double>(options.along)});
+  require_cell_count("along", options.along, surface_cells(grid));
+  Mesh mesh = box_surface(grid, options.alternating);
+  mesh.positions.leftCols(2).array() -= 0.5 * options.width;
   return mesh;
 }
 
