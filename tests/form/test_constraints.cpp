@@ -11,8 +11,8 @@
 #include "framework/domain/generators.h"
 #include "framework/form/problem_objective.h"
 #include "solvers/linear/linear_backends.h"
-#include "tests/energies/energy_suite.h"
 #include "tests/allocation_count.h"
+#include "tests/energies/energy_suite.h"
 #include "tests/support.h"
 
 namespace variform {

@@ -248,6 +248,25 @@ TEST(Abm3, EqualStepsHaveThePublishedWeights) {
   }
 }
 
+TEST(Abm3, TheEstimateIsTheErrorOfAStepWhereTheThirdDerivativeIsConstant) {
+  TestField field(1, 1, [](double t, const Vector&, Vector& dy) { dy[0] = t * t * t; });
+  const auto backend = make_ode_backend("abm3");
+  std::vector<double> t = {0.0}, y = {0.0};
+  backend->integrate(field, Vector::Zero(1), 0.0, 2.0, {.tolerance = 1e-4, .first_step = 1e-3},
+                     {.step = [&](const OdeStep& step, const Vector& state) {
+                       t.push_back(step.time);
+                       y.push_back(state[0]);
+                       return true;
+                     }});
+  ASSERT_GT(t.size(), 10u);
+  EXPECT_GT(t[5] - t[4], 1.5 * (t[4] - t[3])) << "uneven";
+  for (std::size_t n = 2; n + 1 < t.size(); ++n) {
+    const double exact = (std::pow(t[n + 1], 4) - std::pow(t[n], 4)) / 4.0;
+    const double error = std::abs(y[n + 1] - y[n] - exact);
+    EXPECT_NEAR(backend->report().history[n].error, error, 1e-13);
+  }
+}
+
 TEST_P(Each, CountsEvaluations) {
   TestField field = Spirals().field();
   const auto backend = make_ode_backend(GetParam());
