@@ -65,27 +65,83 @@ void set_distortion(const Matrix3d& corners, Eigen::Map<Matrix9d>& E) {
   E *= std::sqrt(1.0 / 3.0);
 }
 
-// The integral over t' of |v - r_t|^2 as squares; nodes: the vertices of t', then the one of t that is not among them.
-void set_smoothness(const Domain& domain, Index t, const Index* nodes, Eigen::Map<Eigen::Matrix<double, 9, 12>>& E) {
-  const Matrix3d corners = corners_of(domain, t);
-  const Vector3d centroid = corners.rowwise().mean();
-  const Matrix3d Y = corners.colwise() - centroid;
-  const Eigen::Matrix<double, 3, 9> W = angular_fit(Y);
-  Matrix3d Z;  // corners of t', from the same centroid
-  for (int i = 0; i < 3; ++i) Z.col(i) = domain.positions().row(nodes[i]).transpose() - centroid;
-  const double scale = std::sqrt(area(Z) / 3.0);
+// M of E_t = h' M h for the rates h of the edges (columns of e), and area A.
+Matrix3d edge_form(const Matrix3d& e, double A) {
+  const Vector3d u(e.col(1).dot(e.col(2)), e.col(2).dot(e.col(0)), e.col(0).dot(e.col(1)));
+  Matrix3d M = 3.0 * u * u.transpose();
+  M.array() -= 8.0 * A * A;
+  M.diagonal().array() += 24.0 * A * A;
+  return M / (144.0 * A * e.squaredNorm());
+}
+
+// Edge k is opposite to corner k.
+Matrix3d edges_of(const Matrix3d& corners) {
+  Matrix3d e;
+  for (int k = 0; k < 3; ++k) e.col(k) = corners.col((k + 2) % 3) - corners.col((k + 1) % 3);
+  return e;
+}
+
+// Upper triangle R with R'R = A, for a positive semi-definite A.
+Matrix3d upper_root(const Matrix3d& A) {
+  Matrix3d R = Matrix3d::Zero();
+  for (int k = 0; k < 3; ++k) {
+    const double pivot = A(k, k) - R.col(k).head(k).squaredNorm();
+    if (!(pivot > 0.0)) continue;
+    R(k, k) = std::sqrt(pivot);
+    for (int j = k + 1; j < 3; ++j) R(k, j) = (A(k, j) - R.col(k).head(k).dot(R.col(j).head(k))) / R(k, k);
+  }
+  return R;
+}
+
+// S of the two triangles l, r at a facet as a sum of 12 squares. The rigid fit is a projection: over t' the squared
+// distance of v to the rigid field of t is E_t' and that of the two rigid fields. These differ by a rigid field d, and
+// its integral over both triangles is that of a rigid body: (A_l + A_r) |d|^2 at the centre of mass, and the inertia
+// tensor about it applied to the spin of d. nodes: the vertices of l, then the one of r that is not among them.
+void set_smoothness(const Domain& domain, Index l, Index r, const Index* nodes,
+                    Eigen::Map<Eigen::Matrix<double, 12, 12>>& E) {
+  const std::array<Index, 2> triangles = {l, r};
+  std::array<Matrix3d, 2> corners = {corners_of(domain, l), corners_of(domain, r)};
+  const Vector3d origin = corners[0].col(0);
+  std::array<Vector3d, 2> centroids;
+  std::array<double, 2> areas;
+  Vector3d centre = Vector3d::Zero();
+  for (int side = 0; side < 2; ++side) {
+    corners[side].colwise() -= origin;
+    centroids[side] = corners[side].rowwise().mean();
+    areas[side] = domain.cell_measures()[triangles[side]];
+    centre += areas[side] * centroids[side];
+  }
+  const double total = areas[0] + areas[1];
+  centre /= total;
+  Matrix3d moments = Matrix3d::Zero();
+  for (int side = 0; side < 2; ++side) {
+    const Vector3d arm = centroids[side] - centre;
+    const Matrix3d Y = corners[side].colwise() - centroids[side];
+    moments += areas[side] / 12.0 * Y * Y.transpose() + areas[side] * arm * arm.transpose();
+  }
+  const Matrix3d inertia = upper_root(moments.trace() * Matrix3d::Identity() - moments);
+  const double mass = std::sqrt(total);
   E.setZero();
-  for (int m = 0; m < 3; ++m) {
-    const auto [i, j] = kMidpoints[m];
-    const Matrix3d C = scale * cross_matrix(0.5 * (Z.col(i) + Z.col(j)));
-    E.block<3, 3>(3 * m, 3 * i).diagonal().array() += 0.5 * scale;
-    E.block<3, 3>(3 * m, 3 * j).diagonal().array() += 0.5 * scale;
+  for (int side = 0; side < 2; ++side) {
+    const double sign = side == 0 ? -1.0 : 1.0;
+    const Matrix3d Y = corners[side].colwise() - centroids[side];
+    const Eigen::Matrix<double, 3, 9> W = sign * angular_fit(Y);
+    const Matrix3d lever = -mass * cross_matrix(centre - centroids[side]);
+    const Matrix3d e = edges_of(corners[side]);
+    const Matrix3d root = upper_root(edge_form(e, areas[side]));
     for (int k = 0; k < 3; ++k) {
       int at = 0;
-      while (nodes[at] != domain.cells()(t, k)) ++at;
-      auto block = E.block<3, 3>(3 * m, 3 * at);
-      block += C * W.middleCols<3>(3 * k);
-      block.diagonal().array() -= scale / 3.0;
+      while (nodes[at] != domain.cells()(triangles[side], k)) ++at;
+      const Matrix3d W_k = W.middleCols<3>(3 * k);
+      auto shift = E.block<3, 3>(0, 3 * at);
+      shift += lever * W_k;
+      shift.diagonal().array() += sign * mass / 3.0;
+      E.block<3, 3>(3, 3 * at) += inertia * W_k;
+      // Corner k is the end of edge k + 1 and the start of edge k + 2 (see edge_rates).
+      const int ends = (k + 1) % 3;
+      const int starts = (k + 2) % 3;
+      E.block<3, 3>(6 + 3 * side, 3 * at) =
+          root.col(ends) * e.col(ends).transpose() - root.col(starts) * e.col(starts).transpose();
     }
   }
 }
@@ -156,14 +212,8 @@ Eigen::Matrix<double, 3, 9> edge_rates(const Matrix3d& corners) {
 }
 
 Matrix9d near_isometric_by_edges(const Matrix3d& corners) {
-  Matrix3d e;
-  for (int k = 0; k < 3; ++k) e.col(k) = corners.col((k + 2) % 3) - corners.col((k + 1) % 3);
-  const Vector3d u(e.col(1).dot(e.col(2)), e.col(2).dot(e.col(0)), e.col(0).dot(e.col(1)));
-  const double A = area(corners);
-  const Matrix3d M = (3.0 * u * u.transpose() + 24.0 * A * A * Matrix3d::Identity() - 8.0 * A * A * Matrix3d::Ones()) /
-                     (144.0 * A * e.squaredNorm());
   const Eigen::Matrix<double, 3, 9> h = edge_rates(corners);
-  return h.transpose() * M * h;
+  return h.transpose() * edge_form(edges_of(corners), area(corners)) * h;
 }
 
 EnergyTraits SurfaceVelocityEnergy::traits(const Domain& domain) const {
@@ -203,27 +253,23 @@ void SurfaceVelocityEnergy::refresh_operator(const Domain& domain, Form& form) c
 }
 
 std::optional<Term> SurfaceVelocityEnergy::regularizer(const Domain& domain, const NormOptions&) const {
-  // Site 2f: the field of the left triangle of facet f on the right one; site 2f + 1: the other way round.
-  const Index pairs = 2 * domain.facet_count();
-  IndexMatrix nodes(pairs, 4);
-  for (Index pair = 0; pair < pairs; ++pair) {
-    const Index f = pair / 2;
-    const Index t = domain.facet_cells()(f, pair % 2);
-    nodes.row(pair).head(3) = domain.cells().row(domain.facet_cells()(f, 1 - pair % 2));
-    for (int i = 0; i < 3; ++i) {
-      const Index v = domain.cells()(t, i);
-      if (v != domain.facet_vertices()(f, 0) && v != domain.facet_vertices()(f, 1)) nodes(pair, 3) = v;
+  IndexMatrix nodes(domain.facet_count(), 4);
+  for (Index f = 0; f < domain.facet_count(); ++f) {
+    nodes.row(f).head(3) = domain.cells().row(domain.facet_cells()(f, 0));
+    for (const Index v : domain.cells().row(domain.facet_cells()(f, 1))) {
+      if (v != domain.facet_vertices()(f, 0) && v != domain.facet_vertices()(f, 1)) nodes(f, 3) = v;
     }
   }
-  Form form(domain.vertex_count(), nodes, 9, 3, 1);
+  Form form(domain.vertex_count(), nodes, 12, 3, 1);
   refresh_regularizer(domain, form);
-  return Term{std::move(form), diagonal_norm(Vector::Ones(pairs))};
+  return Term{std::move(form), diagonal_norm(Vector::Ones(domain.facet_count()))};
 }
 
 void SurfaceVelocityEnergy::refresh_regularizer(const Domain& domain, Form& form) const {
-  parallel_for(form.site_count(), [&](Index pair) {
-    Eigen::Map<Eigen::Matrix<double, 9, 12>> E(form.block_data(pair));
-    set_smoothness(domain, domain.facet_cells()(pair / 2, pair % 2), form.nodes().data() + form.offset(pair), E);
+  parallel_for(domain.facet_count(), [&](Index f) {
+    Eigen::Map<Eigen::Matrix<double, 12, 12>> E(form.block_data(f));
+    set_smoothness(domain, domain.facet_cells()(f, 0), domain.facet_cells()(f, 1), form.nodes().data() + form.offset(f),
+                   E);
   });
 }
 

@@ -45,8 +45,9 @@ enum class SurfaceMeasure {
 ///   S = sum over pairs t, t' that share an edge, in both orders, of the integral over t' of |v - r_t|^2.
 ///
 /// The problem is (1 - beta) E + beta S with beta the omega of the source (1/3 there), 0 <= beta <= 1. n = 9 residuals
-/// per triangle, the remainder at the midpoints of its edges (the midpoint rule is exact), or 3 rates of edges; 9 per
-/// ordered pair.
+/// per triangle, the remainder at the midpoints of its edges (where the midpoint rule is exact), or 3 rates of edges. S
+/// is held as 12 squares per edge: the rigid fits of the two triangles differ by a rigid field, which is integrated
+/// over both as over a rigid body, and each brings its E_t (the fit is a projection, so S_t,t' = E_t' plus that part).
 ///
 /// Kernel: rigid motions for beta > 0 (facet-connected meshes with two triangles at least). Alone, E does not see the
 /// infinitesimal isometries, which a closed convex surface has not, but a surface with a boundary or a planar one has:

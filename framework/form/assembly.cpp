@@ -248,8 +248,12 @@ void Assembly::refill(const std::vector<Term>& terms) {
       refill_nodes<3, 2>(term, stencil, first);
     else if (sizes == std::pair(4, 2))
       refill_nodes<4, 2>(term, stencil, first);
+    else if (sizes == std::pair(3, 3))
+      refill_nodes<3, 3>(term, stencil, first);
     else if (sizes == std::pair(9, 3))
       refill_nodes<9, 3>(term, stencil, first);
+    else if (sizes == std::pair(12, 3))
+      refill_nodes<12, 3>(term, stencil, first);
     else
       refill_nodes<0, 0>(term, stencil, first);
   }

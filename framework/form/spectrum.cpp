@@ -7,7 +7,8 @@
 
 namespace variform {
 
-EigenPairs spectrum(Problem& problem, EigenBackend& backend, Index count) {
+EigenPairs spectrum(Problem& problem, EigenBackend& backend, Index count, SpectrumMetric metric) {
+  if (metric == SpectrumMetric::identity) return backend.solve(problem.normal_matrix(), SparseMatrix(), count);
   const SparseMatrix vertex_mass = mass_matrix(problem.domain());
   const int unknowns = problem.traits().unknowns;
   std::vector<Eigen::Triplet<double, Index>> triplets;

@@ -362,6 +362,29 @@ TEST_P(AnyEigenBackend, FreeModesOfAnElasticEnergy) {
   }
 }
 
+// A sphere is rigid, a sheet is not: its smoothness alone holds all that is no rigid motion.
+TEST_P(AnyEigenBackend, SmoothedNearIsometricEnergiesHaveSixFreeModes) {
+  const EnergyEntry& entry = energies().find("near_isometric");
+  const auto energy = entry.make(Parameters(entry.parameters));
+  const Domain sphere(sphere_mesh(1.0, 0.5));
+  const Domain sheet(half_cylinder_mesh(1.0, 2.0, {.h = 0.25, .jitter = 0.2}));
+  for (const Domain* domain : {&sphere, &sheet}) {
+    for (const double omega : {1.0 / 3.0, 1.0}) {
+      Problem problem(*domain, *energy, {.beta = omega}, left_side_held(*domain));
+      for (const SpectrumMetric metric : {SpectrumMetric::mass, SpectrumMetric::identity}) {
+        const EigenPairs modes = spectrum(problem, *backend_, 8, metric);
+        const double first = modes.values[6];
+        EXPECT_LT(modes.values.head(6).cwiseAbs().maxCoeff(), 1e-7 * first) << omega;
+        if (metric == SpectrumMetric::mass) continue;
+        // Unit vectors whose energy is their eigenvalue.
+        const Matrix x = Eigen::Map<const Matrix>(modes.vectors.col(6).data(), domain->vertex_count(), 3);
+        EXPECT_NEAR(x.norm(), 1.0, 1e-8);
+        EXPECT_NEAR(problem.value(x).total, first, 1e-8 * first);
+      }
+    }
+  }
+}
+
 TEST(EigenBackends, AgreeWithEachOther) {
   const Pencil pencil = rectangle(0.05);
   std::vector<EigenPairs> all;

@@ -176,6 +176,116 @@ TEST_F(ConstraintTest, ReductionIsTheProductWithTheEliminationMatrix) {
   }
 }
 
+// Against the optimality system with a multiplier for every scalar constraint, dense.
+TEST_F(ConstraintTest, SingleComponentsAreHeldAsByMultipliers) {
+  Constraints constraints = pinned_;
+  constraints.fix(7, Eigen::RowVector2d(0.3, 99.0), {true, false});
+  constraints.fix(14, Eigen::RowVector2d(-99.0, 0.6), {false, true});
+  constraints.fix(33, Eigen::RowVector2d(0.4, 1.1), {true, true});  // as without marks
+  constraints.identify(7, 8);                                       // x of both is held, y is one unknown
+  constraints.identify(14, 20);
+  constraints.identify(20, 21);
+  constraints.attract(7, Eigen::RowVector2d(0.2, 0.1), 7.0);
+  constraints.combine({7, 26}, {0.5, 0.5}, Eigen::RowVector2d(0.4, 0.5));
+  EXPECT_TRUE(constraints.has_components());
+  EXPECT_TRUE(constraints.fixed().back().components.empty());
+  for (const std::string name : {"larap", "akvf", "asap"}) {
+    const auto energy = make(name);
+    Problem problem(domain_, *energy, {.beta = 0.3}, constraints);
+    Eigen::MatrixXd H = testing::dense_symmetric(problem.normal_matrix());
+    Eigen::VectorXd g = problem.normal_right_hand_side();
+    for (int c = 0; c < 2; ++c) {
+      H(7 * 2 + c, 7 * 2 + c) += 7.0;
+      g[7 * 2 + c] += 7.0 * (c == 0 ? 0.2 : 0.1);
+    }
+    struct Row {
+      std::vector<std::pair<Index, double>> entries;
+      double value;
+    };
+    std::vector<Row> rows = {{{{14, 1.0}}, 0.3}, {{{29, 1.0}}, 0.6}, {{{66, 1.0}}, 0.4}, {{{67, 1.0}}, 1.1}};
+    for (int c = 0; c < 2; ++c) {
+      rows.push_back({{{c, 1.0}}, pinned_.fixed()[0].value[c]});
+      rows.push_back({{{10 + c, 1.0}}, pinned_.fixed()[1].value[c]});
+      for (const auto& [a, b] : {std::pair<Index, Index>(7, 8), {14, 20}, {20, 21}}) {
+        rows.push_back({{{2 * a + c, 1.0}, {2 * b + c, -1.0}}, 0.0});
+      }
+      rows.push_back({{{14 + c, 0.5}, {52 + c, 0.5}}, c == 0 ? 0.4 : 0.5});
+    }
+    const Eigen::Index n = H.cols();
+    const auto m = static_cast<Eigen::Index>(rows.size());
+    Eigen::MatrixXd K = Eigen::MatrixXd::Zero(n + m, n + m);
+    Eigen::VectorXd right(n + m);
+    K.topLeftCorner(n, n) = H;
+    right.head(n) = g;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      for (const auto& [unknown, weight] : rows[i].entries) K(n + i, unknown) = K(unknown, n + i) = weight;
+      right[n + i] = rows[i].value;
+    }
+    const Eigen::VectorXd expected = K.fullPivLu().solve(right).head(n);
+    const Matrix U = problem.solve(*make_linear_backend("eigen.lu"));
+    EXPECT_LT((U - Eigen::Map<const Matrix>(expected.data(), U.rows(), 2)).cwiseAbs().maxCoeff(), 1e-9) << name;
+    EXPECT_EQ(U(7, 0), 0.3);
+    EXPECT_EQ(U(14, 1), 0.6);
+  }
+}
+
+TEST_F(ConstraintTest, SingleComponentsAreForCoupledEnergies) {
+  Constraints rollers = pinned_;
+  rollers.fix(7, Eigen::RowVector2d(0.3, 0.0), {true, false});
+  const auto arap = make("arap");
+  EXPECT_THAT(message_of([&] { Problem(domain_, *arap, {.beta = 0.3}, rollers); }), HasSubstr("separately"));
+  const auto larap = make("larap");
+  Problem problem(domain_, *larap, {.beta = 0.3}, rollers);
+  EXPECT_THROW(problem.hold(7, Eigen::RowVector2d(0.0, 0.0)), UsageError);
+  EXPECT_THAT(message_of([&] {
+                rollers.fix(8, Eigen::RowVector2d(0, 0), {false, false});
+              }),
+              HasSubstr("0 of 2 components"));
+  EXPECT_THAT(message_of([&] { rollers.fix(8, Eigen::RowVector2d(0, 0), {true}); }), HasSubstr("expected 2 flags"));
+  EXPECT_THAT(message_of([&] { rollers.fix(7, Eigen::RowVector2d(0.3, 0.0)); }), HasSubstr("different components"));
+  EXPECT_THAT(message_of([&] {
+                rollers.fix(7, Eigen::RowVector2d(0.4, 0.0), {true, false});
+              }),
+              HasSubstr("fixed at both"));
+  EXPECT_NO_THROW(rollers.fix(7, Eigen::RowVector2d(0.3, 5.0), {true, false}));
+  Constraints pair = rollers;  // the held components differ, the free ones may
+  pair.fix(8, Eigen::RowVector2d(0.9, 0.0), {true, false});
+  pair.identify(7, 8);
+  EXPECT_THAT(message_of([&] { Problem(domain_, *larap, {}, pair).reduced_matrix(); }), HasSubstr("7 and 8"));
+  Constraints equality = rollers;
+  equality.combine({7}, {1.0}, Eigen::RowVector2d(0.3, 0.1));
+  EXPECT_THAT(message_of([&] { Problem(domain_, *larap, {}, equality).reduced_matrix(); }),
+              HasSubstr("in some component"));
+}
+
+TEST_F(ConstraintTest, RollersHoldOnlyTheMotionsAlongThem) {
+  // Vertex 5 is at the end of the edge through vertex 0: only across that edge it holds the turn about vertex 0.
+  ASSERT_EQ(domain_.positions()(0, 1), domain_.positions()(5, 1));
+  for (const bool across : {false, true}) {
+    Constraints constraints = testing::fixed_at(domain_, 2, {{0, Eigen::RowVector2d(0, 0)}});
+    constraints.fix(5, domain_.positions().row(5), {!across, across});
+    const std::string message = message_of([&] { solve(domain_, *make("larap"), 0.2, constraints); });
+    EXPECT_THAT(message, HasSubstr(across ? "no error" : "hold 2 of the 3 motions"));
+  }
+}
+
+TEST_F(ConstraintTest, NewValuesOfEqualitiesNeedNoNewFactorization) {
+  Constraints constraints = pinned_;
+  constraints.combine({20, 21, 27}, {0.2, 0.3, 0.5}, Eigen::RowVector2d(0.4, 0.6));
+  const auto energy = make("larap");
+  Problem problem(domain_, *energy, {.beta = 0.3}, constraints);
+  const auto linear = make_linear_backend("eigen.lu");
+  problem.solve(*linear);
+  const Matrix values{{0.7, 0.2}};
+  problem.set_equality_values(values);
+  const Matrix U = problem.solve(*linear);
+  EXPECT_LT((0.2 * U.row(20) + 0.3 * U.row(21) + 0.5 * U.row(27) - values).norm(), 1e-12);
+  EXPECT_EQ(linear->report().factorizations, 1);
+  EXPECT_THAT(message_of([&] { problem.set_equality_values(Matrix::Zero(2, 2)); }),
+              HasSubstr("expected 1 x 2 values of linear equalities, got 2 x 2"));
+  EXPECT_THROW(problem.set_equality_values(Matrix::Constant(1, 2, std::nan(""))), DataError);
+}
+
 // Counts how often targets are declared.
 class CountingEnergy final : public Energy {
  public:
@@ -353,6 +463,12 @@ TEST(ClosestFeasible, SatisfiesAllHardConstraintsAndMovesNoMoreThanNeeded) {
   const Matrix expected{{5, 6}, {1, 2}, {1, 2}, {5, 6}, {0.4, 0.4}, {1.2, 1.2}};
   EXPECT_LT((result - expected).cwiseAbs().maxCoeff(), 1e-12);
   EXPECT_LT((closest_feasible(constraints, result) - result).cwiseAbs().maxCoeff(), 1e-14);
+  // Components on their own: x of vertex 1 is held, so the seam moves x of vertex 2 alone, and y of both.
+  Constraints rollers(3, 2);
+  rollers.fix(1, Eigen::RowVector2d(3.0, 0.0), {true, false});
+  rollers.identify(1, 2);
+  const Matrix rolled = closest_feasible(rollers, Matrix{{7, 8}, {1, 2}, {5, 4}});
+  EXPECT_LT((rolled - Matrix{{7, 8}, {3, 3}, {3, 3}}).cwiseAbs().maxCoeff(), 1e-12);
   Constraints contradiction(2, 2);
   contradiction.combine({0}, {1.0}, Eigen::RowVector2d(0.0, 0.0));
   contradiction.combine({0}, {2.0}, Eigen::RowVector2d(1.0, 0.0));
