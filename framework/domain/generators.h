@@ -162,8 +162,9 @@ const std::vector<std::string>& silhouette_names();
 
 /// Planar silhouette, about 1 unit across, meshed with edge length about h (inner triangles equilateral, vertices of
 /// the outline on it, all angles above 15 degrees). Connected, without holes. Throws UsageError for unknown names and
-/// for h too coarse to resolve the limbs: half the width of the thinnest one is the most, about 0.02.
-Mesh silhouette_mesh(const std::string& name, double h);
+/// for h too coarse to resolve the limbs: half the width of the thinnest one is the most, about 0.02. With `symmetric`
+/// the cells are mirror symmetric about x = 0, too, as the shapes of figure and frog are; an error for the others.
+Mesh silhouette_mesh(const std::string& name, double h, bool symmetric = false);
 
 /// Options of degrade_mesh: any combination.
 struct DegradeOptions {

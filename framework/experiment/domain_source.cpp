@@ -210,7 +210,7 @@ std::vector<GeneratorEntry> make_generators() {
        [](const Parameters& p) { return box_car_mesh(p.number("h")); }},
       {"cactus_surface",
        "surface of a trunk with two bent arms, 1.1 high",
-       {edge_length(0.0155)},
+       {edge_length(0.0182)},
        [](const Parameters& p) { return cactus_surface_mesh(p.number("h")); }},
       {"lattice_sphere",
        "sphere about the origin in meridians and parallels",
@@ -237,10 +237,14 @@ std::vector<GeneratorEntry> make_generators() {
                                     .seed = static_cast<std::uint64_t>(p.integer("seed"))});
        }}};
   for (const std::string& name : silhouette_names()) {
-    entries.push_back({name,
-                       fmt::format("planar silhouette of a {} with thin limbs, about 1 unit across", name),
-                       {edge_length(0.015)},
-                       [name](const Parameters& p) { return silhouette_mesh(name, p.number("h")); }});
+    entries.push_back(
+        {name,
+         fmt::format("planar silhouette of a {} with thin limbs, about 1 unit across", name),
+         {edge_length(0.015),
+          {.name = "symmetric",
+           .value = false,
+           .doc = "cells mirror symmetric about x = 0, as the shapes of figure and frog are"}},
+         [name](const Parameters& p) { return silhouette_mesh(name, p.number("h"), p.boolean("symmetric")); }});
   }
   return entries;
 }

@@ -102,7 +102,8 @@ std::vector<double> finite_numbers(const ConfigNode& node) {
 }
 
 Eigen::Vector3d axis_of(const ConfigNode& node) {
-  if (!node.has("axis")) (node.has("rotate") ? node.at("rotate") : node).fail("a rotation in space needs an axis = [x, y, z]");
+  if (!node.has("axis"))
+    (node.has("rotate") ? node.at("rotate") : node).fail("a rotation in space needs an axis = [x, y, z]");
   const std::vector<double> numbers = finite_numbers(node.at("axis"));
   if (numbers.size() != 3) node.at("axis").fail("expected 3 numbers");
   const Eigen::Vector3d axis(numbers[0], numbers[1], numbers[2]);

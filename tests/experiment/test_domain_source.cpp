@@ -67,6 +67,30 @@ TEST(DomainSource, EveryGeneratorMakesADomainByDefault) {
   }
 }
 
+TEST(DomainSource, FlatMeshesCanBeSurfacesAndCentred) {
+  const std::string strip = "generator = \"strip\"\nh = 0.125\nwidth = 5.0\ntessellation = \"alternating\"\n";
+  const LoadedDomain planar = load(strip + "centred = true\n");
+  EXPECT_EQ(planar.domain.kind(), DomainKind::planar);
+  EXPECT_EQ(planar.domain.cell_count(), 2 * 40 * 8);
+  EXPECT_EQ(planar.domain.positions().colwise().minCoeff(), Eigen::RowVector2d(-2.5, -0.5));
+  EXPECT_EQ(planar.domain.positions().colwise().maxCoeff(), Eigen::RowVector2d(2.5, 0.5));
+  expect_consistent(planar);
+
+  const LoadedDomain surface = load(strip + "kind = \"surface\"\ncentred = true\nscale = 2.0\n");
+  EXPECT_EQ(surface.domain.kind(), DomainKind::surface);
+  EXPECT_EQ(surface.domain.positions().colwise().minCoeff(), Eigen::RowVector3d(-5.0, -1.0, 0.0));
+  EXPECT_EQ(surface.domain.positions().colwise().maxCoeff(), Eigen::RowVector3d(5.0, 1.0, 0.0));
+  EXPECT_EQ(surface.domain.cells(), planar.domain.cells());
+  expect_consistent(surface);
+
+  const LoadedDomain degraded = load(strip + "kind = \"surface\"\ndegrade = { flip_fraction = 0.2 }\n");
+  EXPECT_EQ(degraded.domain.kind(), DomainKind::surface);
+  expect_consistent(degraded);
+
+  EXPECT_THAT(message_of([&] { load(strip + "kind = \"planar\"\n"); }), HasSubstr("expected \"surface\""));
+  EXPECT_THAT(message_of([&] { load("generator = \"bar_tet\"\nkind = \"surface\"\n"); }), HasSubstr("no surface"));
+}
+
 TEST(DomainSource, ParametersReachTheSurfaces) {
   const LoadedDomain bump = load(
       "generator = \"bump\"\nheight = 0.5\nsharpness = 40\ncentre = [0.25, 0.5]\nh = 0.25\ntessellation = \"regular\"");

@@ -80,7 +80,7 @@ std::vector<Silhouette> make_silhouettes() {
                  {{{0.048, 0.43}, 0.056}, {{0.115, 0.24}, 0.034}, {{0.150, 0.035}, 0.022}},    // leg
                  {{{0.150, 0.032}, 0.026}, {{0.215, 0.026}, 0.020}},                           // foot
              })),
-      0.04};
+      0.04, true};
 
   const Silhouette giraffe = {"giraffe",
                               {
@@ -114,7 +114,7 @@ std::vector<Silhouette> make_silhouettes() {
                  {{{0.36, 0.28}, 0.020}, {{0.405, 0.40}, 0.018}},
                  {{{0.36, 0.28}, 0.020}, {{0.475, 0.33}, 0.018}},
              })),
-      0.03};
+      0.03, true};
 
   const Silhouette cactus = {"cactus",
                              {

@@ -22,6 +22,7 @@ struct Silhouette {
   std::string name;
   std::vector<Stroke> strokes;
   double blend;
+  bool symmetric = false;  ///< about the y axis
 
   /// Signed distance to the outline, negative inside: exact for a single capsule outside, nowhere more than the
   /// distance to the nearest stroke, and never changing faster than the place does.

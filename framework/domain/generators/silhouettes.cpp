@@ -36,10 +36,11 @@ const Registry<Silhouette>& registry() {
 /// whose vertices move, smaller ones leave thinner pieces where the outline cuts; this is about the optimum.
 constexpr double kSnap = 0.3;
 
-/// Cuts a lattice of equilateral triangles along the outline of a silhouette ("isosurface stuffing").
+/// Cuts a lattice of equilateral triangles along the outline of a silhouette ("isosurface stuffing"). With `half` only
+/// the part x >= 0, with a row of the lattice on the y axis.
 class LatticeCutter {
  public:
-  LatticeCutter(const Silhouette& shape, double h) : shape_(shape), h_(h) {
+  LatticeCutter(const Silhouette& shape, double h, bool half) : shape_(shape), h_(h), half_(half) {
     lay_lattice();
     snap();
   }
@@ -76,6 +77,10 @@ class LatticeCutter {
     low.array() -= shape_.blend + 2.0 * h_;
     high.array() += shape_.blend + 2.0 * h_;
     const double rise = 0.5 * std::numbers::sqrt3 * h_;
+    if (half_) {  // rows go along y
+      low = {low.y(), 0.0};
+      high = {high.y(), high.x()};
+    }
     const double columns = std::ceil((high.x() - low.x()) / h_) + 1.0;
     const double rows = std::ceil((high.y() - low.y()) / rise) + 1.0;
     require_cell_count("h", h_, 2.0 * columns * rows);
@@ -87,16 +92,22 @@ class LatticeCutter {
     parallel_for(rows_ * columns_, [&](Index v) {
       const Index row = v / columns_;
       places_[v] = low + Vector2d((v % columns_ + 0.5 * (row % 2)) * h_, row * rise);
-      distances_[v] = shape_.distance(places_[v]);
+      if (half_) std::swap(places_[v].x(), places_[v].y());
+      distances_[v] = outline_distance(places_[v]);
     });
+  }
+
+  /// Symmetric to the last digit where only one half is meshed: places on the axis then stay there.
+  double outline_distance(const Vector2d& p) const {
+    return half_ ? shape_.distance({std::abs(p.x()), p.y()}) : shape_.distance(p);
   }
 
   Vector2d slope(const Vector2d& p) const {
     const double step = 1e-6 * h_;
     const Vector2d dx(step, 0.0);
     const Vector2d dy(0.0, step);
-    return Vector2d(shape_.distance(p + dx) - shape_.distance(p - dx),
-                    shape_.distance(p + dy) - shape_.distance(p - dy)) /
+    return Vector2d(outline_distance(p + dx) - outline_distance(p - dx),
+                    outline_distance(p + dy) - outline_distance(p - dy)) /
            (2.0 * step);
   }
 
@@ -107,7 +118,7 @@ class LatticeCutter {
     constexpr double kReach = 1.5 * kSnap;
     const Vector2d start = place;
     for (int step = 0; step < kSteps; ++step) {
-      const double distance = shape_.distance(place);
+      const double distance = outline_distance(place);
       if (std::abs(distance) <= kOnOutline * h_) return (place - start).norm() <= kReach * h_;
       const Vector2d g = slope(place);
       place -= distance * g / std::max(g.squaredNorm(), 0.25);
@@ -135,7 +146,7 @@ class LatticeCutter {
       Vector2d out = places_[outer];
       while ((out - in).norm() > kOnOutline * h_) {
         const Vector2d middle = 0.5 * (in + out);
-        (shape_.distance(middle) < 0.0 ? in : out) = middle;
+        (outline_distance(middle) < 0.0 ? in : out) = middle;
       }
       places_.emplace_back(0.5 * (in + out));
       distances_.push_back(0.0);
@@ -145,6 +156,7 @@ class LatticeCutter {
 
   /// Adds the part of a lattice triangle that is inside.
   void cut_triangle(Triangle t) {
+    if (half_) std::swap(t[1], t[2]);  // rows and columns have changed places
     const auto inside = [&](Index v) { return distances_[v] < 0.0; };
     const auto outside = [&](Index v) { return distances_[v] > 0.0; };
     const auto inner_count = std::count_if(t.begin(), t.end(), inside);
@@ -256,6 +268,7 @@ class LatticeCutter {
           for (const Index w : mesh.cells.row(t)) place += mesh.positions.row(w).transpose();
         }
         place = (place / static_cast<double>(around[v].size()) - old_place) / 2.0;
+        if (half_ && old_place.x() == 0.0) place.x() = 0.0;
         if (on_outline[v] && !project(place)) continue;
         mesh.positions.row(v) = place.transpose();
         if (smallest_angle() <= angle) mesh.positions.row(v) = old_place.transpose();
@@ -280,6 +293,7 @@ class LatticeCutter {
 
   const Silhouette& shape_;
   double h_;
+  bool half_;
   Index columns_ = 0;
   Index rows_ = 0;
   std::vector<Vector2d> places_;   // the lattice row by row, then the crossings
@@ -288,6 +302,23 @@ class LatticeCutter {
   std::vector<Triangle> triangles_;
 };
 
+/// A mesh of the half x >= 0 with its mirror image.
+Mesh with_mirror_image(const Mesh& half) {
+  std::vector<Index> image(half.vertex_count());
+  Index count = half.vertex_count();
+  for (Index v = 0; v < half.vertex_count(); ++v) image[v] = half.positions(v, 0) == 0.0 ? v : count++;
+  Mesh whole{Matrix(count, 2), IndexMatrix(2 * half.cell_count(), 3)};
+  for (Index v = 0; v < half.vertex_count(); ++v) {
+    whole.positions.row(image[v]) << -half.positions(v, 0), half.positions(v, 1);
+    whole.positions.row(v) = half.positions.row(v);
+  }
+  for (Index t = 0; t < half.cell_count(); ++t) {
+    whole.cells.row(2 * t) = half.cells.row(t);
+    whole.cells.row(2 * t + 1) << image[half.cells(t, 0)], image[half.cells(t, 2)], image[half.cells(t, 1)];
+  }
+  return whole;
+}
+
 }  // namespace
 
 const std::vector<std::string>& silhouette_names() {
@@ -295,14 +326,16 @@ const std::vector<std::string>& silhouette_names() {
   return kNames;
 }
 
-Mesh silhouette_mesh(const std::string& name, double h) {
+Mesh silhouette_mesh(const std::string& name, double h, bool symmetric) {
   const Silhouette& shape = registry().find(name);
   require_positive("h", h);
   if (h > shape.smallest_radius()) {
     throw UsageError(fmt::format("'h' = {}: too coarse for the limbs of the silhouette '{}'; expected at most {}", h,
                                  name, shape.smallest_radius()));
   }
-  return LatticeCutter(shape, h).cut();
+  if (!symmetric) return LatticeCutter(shape, h, false).cut();
+  if (!shape.symmetric) throw UsageError(fmt::format("the silhouette '{}' is not symmetric", name));
+  return with_mirror_image(LatticeCutter(shape, h, true).cut());
 }
 
 }  // namespace variform
