@@ -68,7 +68,7 @@ const std::vector<ConfigSection>& config_sections() {
         {"polynomial", "coefficients of 1, s, s^2, ..., s from 0 to 1"},
         {"spline", "two or more points"},
         {"orient", "true: the region turns with the curve; default false"}}},
-      {"[[handle]] path circle",
+      {"[[handle]] circle",
        "an arc",
        {{"degrees", "angle"},
         {"centre", "point"},
