@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "integrators/shape/deformation_flow.h"
 
+#include <Eigen/Geometry>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -21,7 +22,20 @@ using Positions = Eigen::Map<const Matrix>;
 
 Positions as_positions(const Vector& y, int dimension) { return {y.data(), y.size() / dimension, dimension}; }
 
-SpacePoint point_of(const Eigen::Ref<const Matrix>& X, Index vertex) { return X.row(vertex).transpose(); }
+SpacePoint point_of(const Matrix& X, Index vertex) { return X.row(vertex).transpose(); }
+
+void check_not_collapsed(const IndexMatrix& triangles, const Matrix& X) {
+  for (Index t = 0; t < static_cast<Index>(triangles.rows()); ++t) {
+    const auto corner = [&](int i) -> Eigen::Vector3d { return X.row(triangles(t, i)).transpose(); };
+    const Eigen::Vector3d a = corner(1) - corner(0);
+    const Eigen::Vector3d b = corner(2) - corner(0);
+    const double doubled = a.cross(b).norm();
+    const double longest = std::max({a.squaredNorm(), b.squaredNorm(), (b - a).squaredNorm()});
+    if (!(doubled > kCollapsed * longest)) {
+      throw StepRefused(fmt::format("cell {} collapses: its area is {:.3g}", t, 0.5 * doubled));
+    }
+  }
+}
 
 }  // namespace
 
@@ -43,6 +57,10 @@ DeformationFlow::DeformationFlow(const Domain& rest, const Energy& energy, const
   if (traits.dimension() != rest.ambient_dimension() || traits.state != StateDependence::none) {
     throw UsageError("deformation flow: the energy is not one of velocities of the vertices");
   }
+  if (!(options_.soft_weight >= 0.0) || std::isinf(options_.soft_weight)) {
+    throw UsageError(
+        fmt::format("deformation flow: weight {} of soft handles must not be negative", options_.soft_weight));
+  }
   if (options_.continued_by != nullptr) {
     if (options_.continuation_backend == nullptr || options_.continuation_backend == &backend_) {
       throw UsageError("deformation flow: the continuation needs a linear backend of its own");
@@ -50,6 +68,9 @@ DeformationFlow::DeformationFlow(const Domain& rest, const Energy& energy, const
     Constraints boundary(rest.vertex_count(), rest.ambient_dimension());
     for (Index v = 0; v < rest.vertex_count(); ++v) {
       if (rest.boundary_vertices()[v]) boundary.fix(v, Eigen::RowVectorXd::Zero(rest.ambient_dimension()));
+    }
+    if (boundary.fixed().empty()) {
+      throw UsageError("deformation flow: velocities cannot be continued from the boundary of a shape without one");
     }
     boundary_velocities_ = Matrix::Zero(static_cast<Index>(boundary.fixed().size()), rest.ambient_dimension());
     continuation_ = std::make_unique<Problem>(domain_, *options_.continued_by, NormOptions{}, std::move(boundary));
@@ -80,9 +101,14 @@ Constraints DeformationFlow::constraints() const {
   for (const HeldVertex& held : held_) {
     std::vector<bool> components;
     for (int c = 0; c < d; ++c) components.push_back(held.handle[static_cast<std::size_t>(c)] >= 0);
+    const bool whole = std::find(components.begin(), components.end(), false) == components.end();
     if (options_.soft_weight > 0.0) {
+      if (!whole) {
+        throw UsageError(fmt::format("deformation flow: soft handles hold all components, not those of vertex {} only",
+                                     held.vertex));
+      }
       constraints.attract(held.vertex, zero, options_.soft_weight);
-    } else if (std::find(components.begin(), components.end(), false) == components.end()) {
+    } else if (whole) {
       constraints.fix(held.vertex, zero);
     } else {
       constraints.fix(held.vertex, zero, components);
@@ -108,26 +134,43 @@ void DeformationFlow::for_held(const Value& of, const Set& set) const {
   }
 }
 
-double DeformationFlow::place_handles(double t, Matrix& X) const {
-  if (options_.soft_weight > 0.0) return 0.0;
-  const int d = rest_.ambient_dimension();
+bool DeformationFlow::interpolated(Index vertex) const {
+  if (options_.soft_weight > 0.0) return false;
+  return options_.continued_by == nullptr || rest_.boundary_vertices()[vertex];
+}
+
+// `of` gives the place of a handle's vertex; returns the largest distance from there.
+template <class Place>
+double DeformationFlow::distance(const Place& of, const Matrix& X, Matrix* placed) const {
   double largest = 0.0;
   double squared = 0.0;
   Index last = -1;
-  for_held(
-      [&](const Handle& handle, Index v) -> SpacePoint {
-        if (!handle.closed_form(d)) return {};
-        const SpacePoint rest = point_of(rest_.positions(), v);
-        return handle.motion ? handle.motion->position(start_, rest, t) : rest;
-      },
-      [&](Index, Index v, int c, double value) {
-        if (v != last) squared = 0.0;
-        last = v;
-        squared += (value - X(v, c)) * (value - X(v, c));
-        largest = std::max(largest, squared);
-        X(v, c) = value;
-      });
+  for_held(of, [&](Index, Index v, int c, double value) {
+    if (v != last) squared = 0.0;
+    last = v;
+    squared += (value - X(v, c)) * (value - X(v, c));
+    largest = std::max(largest, squared);
+    if (placed != nullptr) (*placed)(v, c) = value;
+  });
   return std::sqrt(largest);
+}
+
+double DeformationFlow::place_handles(double t, Matrix& X) const {
+  const auto place = [&](const Handle& handle, Index v) -> SpacePoint {
+    if (!interpolated(v) || !handle.closed_form(point_size())) return {};
+    const SpacePoint rest = point_of(rest_.positions(), v);
+    return handle.motion ? handle.motion->position(start_, rest, t) : rest;
+  };
+  return distance(place, X, &X);
+}
+
+double DeformationFlow::handle_error(double t, const Matrix& X) const {
+  const auto place = [&](const Handle& handle, Index v) -> SpacePoint {
+    if (!handle.has_path(point_size())) return {};
+    const SpacePoint rest = point_of(rest_.positions(), v);
+    return handle.motion ? flow(*handle.motion, start_, rest, t) : rest;
+  };
+  return distance(place, X, nullptr);
 }
 
 void DeformationFlow::place(double t, const Vector& y) {
@@ -135,22 +178,11 @@ void DeformationFlow::place(double t, const Vector& y) {
   place_handles(t, positions_);
   if (domain_.positions() == positions_) return;  // the end of a step is looked at first, then evaluated
   if (!positions_.allFinite()) throw StepRefused("positions are not finite");
+  if (domain_.kind() == DomainKind::surface) check_not_collapsed(domain_.cells(), positions_);
   try {
     domain_.set_positions(positions_);
   } catch (const DataError& error) {
     throw StepRefused(error.what());
-  }
-  if (domain_.kind() != DomainKind::surface) return;
-  for (Index t_cell = 0; t_cell < domain_.cell_count(); ++t_cell) {
-    double longest = 0.0;
-    for (int i = 0; i < 3; ++i) {
-      const auto edge =
-          positions_.row(domain_.cells()(t_cell, (i + 1) % 3)) - positions_.row(domain_.cells()(t_cell, i));
-      longest = std::max(longest, edge.squaredNorm());
-    }
-    if (2.0 * domain_.cell_measures()[t_cell] < kCollapsed * longest) {
-      throw StepRefused(fmt::format("cell {} collapses: its area is {:.3g}", t_cell, domain_.cell_measures()[t_cell]));
-    }
   }
 }
 

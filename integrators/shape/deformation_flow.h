@@ -20,7 +20,7 @@ struct FlowOptions {
   double soft_weight = 0.0;
   /// Velocities of the energy are kept on the boundary of the domain only and continued inside by the minimizer of this
   /// energy under them, the harmonic one of a Dirichlet energy (post-process of Solomon et al. 2011, the baseline of
-  /// Martinez Esturo 2013, Figure 9). With soft_weight, handles inside are not interpolated then. Null: none.
+  /// Martinez Esturo 2013, Figure 9). Handles inside are not interpolated then. Null: none.
   const Energy* continued_by = nullptr;
   LinearBackend* continuation_backend = nullptr;  ///< for that; another one than that of the flow
 };
@@ -30,12 +30,14 @@ struct FlowOptions {
 /// Esturo 2013, chapters 3 and 4; methods: continuous deformation, 3.5 and 3.7). Operators, norm and factorization are
 /// made anew at every evaluation, on one sparsity pattern and one symbolic analysis.
 ///
-/// The state is the positions, |V| x d row by row. Handles whose trajectory is known are on it at every evaluation.
+/// The state is the positions, |V| x d row by row. Interpolated handles whose trajectory is known are on it at every
+/// evaluation. With plain handles and isotropic energies an evaluation allocates nothing from the third one on, but in
+/// the library behind the backend.
 class DeformationFlow final : public OdeField {
  public:
   /// rest: the shape at time `start`. The energy, the domain of the rest shape and the backend must outlive the flow.
-  /// Throws as Problem, UsageError for energies whose u is no velocity of the vertices, DataError for handles that do
-  /// not fit the domain or each other.
+  /// Throws as Problem, UsageError for energies whose u is no velocity of the vertices and options that make no sense
+  /// here, DataError for handles that do not fit the domain or each other.
   DeformationFlow(const Domain& rest, const Energy& energy, const NormOptions& norm, std::vector<Handle> handles,
                   double start, LinearBackend& backend, const FlowOptions& options = {});
 
@@ -44,7 +46,7 @@ class DeformationFlow final : public OdeField {
   /// Diameter of the rest shape.
   double length_scale() const override { return rest_.diameter(); }
 
-  /// Throws StepRefused where a cell is degenerate or inverted.
+  /// Throws StepRefused naming a cell that is inverted or, in a surface, collapses.
   void velocity(double t, const Vector& y, Vector& dy) override;
   std::string refusal(double t, const Vector& y) override;
   double project(double t, Vector& y) override;
@@ -54,8 +56,15 @@ class DeformationFlow final : public OdeField {
   /// along with the shape (tensors of a material).
   std::function<void(const Matrix& positions)> carry = {};
 
+  /// Positions of the rest shape as a state.
   Vector rest_state() const;
+  /// A state as positions, |V| x dimension.
   static Matrix positions_of(const Vector& y, int dimension);
+
+  /// Largest distance at positions X (|V| x d) of a vertex of a handle from where its motion has it at time t, in the
+  /// components that are held; also of handles that are not interpolated. Handles without a path (Handle::has_path) do
+  /// not count.
+  double handle_error(double t, const Matrix& X) const;
 
   /// Minimal energy at the last evaluation, ||E v||^2_W and its parts.
   EnergyValue energy() const { return problem_.value(velocities_); }
@@ -77,6 +86,10 @@ class DeformationFlow final : public OdeField {
   Constraints constraints() const;
   template <class Value, class Set>
   void for_held(const Value& of, const Set& set) const;
+  template <class Place>
+  double distance(const Place& of, const Matrix& X, Matrix* placed) const;
+  // Whether the velocity of a handle's vertex is that of its motion.
+  bool interpolated(Index vertex) const;
   // Puts handles with a known trajectory into X; returns the largest distance.
   double place_handles(double t, Matrix& X) const;
   // The domain at positions y. Throws StepRefused.

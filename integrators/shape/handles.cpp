@@ -701,11 +701,12 @@ SpacePoint Handle::velocity(double t, const SpacePoint& x) const {
   return motion ? motion->velocity(t, x) : SpacePoint(SpacePoint::Zero(x.size()));
 }
 
-bool Handle::closed_form(int dimension) const {
-  if (!motion) return true;
+bool Handle::has_path(int dimension) const {
   const bool whole = std::all_of(held.begin(), held.begin() + dimension, [](bool h) { return h; });
-  return motion->closed_form() && (whole || !motion->depends_on_place());
+  return !motion || whole || !motion->depends_on_place();
 }
+
+bool Handle::closed_form(int dimension) const { return !motion || (motion->closed_form() && has_path(dimension)); }
 
 void check_handles(const std::vector<Handle>& handles, const Domain& domain) {
   const int d = domain.ambient_dimension();
@@ -761,8 +762,7 @@ Matrix handle_positions(const std::vector<Handle>& handles, const Matrix& positi
   for (std::size_t k = 0; k < handles.size(); ++k) {
     const Handle& handle = handles[k];
     if (!handle.motion) continue;
-    const bool whole = std::all_of(handle.held.begin(), handle.held.begin() + d, [](bool held) { return held; });
-    if (!whole && handle.motion->depends_on_place()) {
+    if (!handle.has_path(d)) {
       throw UsageError(name_of(handle, k) + ": where it goes depends on the components that are not held");
     }
     for (const Index v : handle.vertices) {

@@ -107,8 +107,10 @@ struct Handle {
 
   /// Velocity at time t of its vertex at x; components that are not held mean nothing.
   SpacePoint velocity(double t, const SpacePoint& x) const;
-  /// Whether the trajectories of the held components are known: not where some components are free and the velocity of
-  /// the others depends on them.
+  /// Whether the held components go where the motion says: not where others are free and their velocity depends on
+  /// those.
+  bool has_path(int dimension) const;
+  /// Whether that path is known in closed form.
   bool closed_form(int dimension) const;
 };
 
