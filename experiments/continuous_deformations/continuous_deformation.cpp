@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
+#include <map>
 #include <optional>
 
 #include "energies/energies.h"
@@ -49,7 +49,7 @@ const std::vector<Parameter> kNormParameters = {
      .choices = facet_weight_names()}};
 
 const std::vector<Parameter> kIntegratorParameters = {
-    {.name = "type", .value = std::string("abm3"), .doc = "ODE backend, or single_step: maps only"},
+    {.name = "type", .value = std::string("abm3"), .doc = "ODE backend; means nothing for energies of maps"},
     {.name = "tolerance", .value = 1e-4, .doc = "largest error of a step at a vertex, by the diameter", .min = 1e-15},
     {.name = "first_step",
      .value = 0.02,
@@ -60,8 +60,8 @@ const std::vector<Parameter> kIntegratorParameters = {
     {.name = "max_steps", .value = std::int64_t{100000}, .doc = "accepted steps", .min = 1.0, .max = 1e9},
     {.name = "end", .value = 1.0, .doc = "time at the end; the start is 0", .min = 1e-9},
     {.name = "checkpoint_steps",
-     .value = std::int64_t{10},
-     .doc = "steps between saved states",
+     .value = std::int64_t{50},
+     .doc = "steps between saved states; the SUNDIALS methods start anew at each, few make many steps of them",
      .min = 1.0,
      .max = 1e9}};
 
@@ -96,7 +96,7 @@ struct Input {
   OdeOptions ode;
   std::string integrator;
   double end = 1.0;
-  int checkpoint_steps = 10;
+  int checkpoint_steps = 50;
   std::int64_t frames = 20;
   std::string colour;
   double soft_weight = 0.0;
@@ -182,7 +182,7 @@ std::vector<Metric> own_metrics() {
       {{"evaluations_per_step", "evaluations/step"}, "evaluations by accepted steps"},
       {{"drift", "handle drift"},
        "largest distance of integrated handles from their paths before it was removed, by the diameter"},
-      {{"handle_error"}, "largest distance of a handle from its path in the result"},
+      {{"handle_error"}, "largest distance of a handle from its path in the result, also of soft ones"},
       {{"handle_turn"}, "degrees that the first moving handle turned, summed over frames"},
       {{"energy_rate"}, "regularized energy of the velocities at the end"},
       {{"condition"}, "with measure.condition: condition number of the eliminated matrix at the start"},
@@ -195,10 +195,22 @@ std::vector<Metric> own_metrics() {
 
 // Final positions of the handles as constraints of a map.
 Constraints final_constraints(const Domain& domain, const std::vector<Handle>& handles, double end) {
-  Constraints constraints(domain.vertex_count(), domain.ambient_dimension());
-  const Matrix places = handle_positions(handles, domain.positions(), 0.0, end);
+  const int d = domain.ambient_dimension();
+  std::map<Index, std::vector<bool>> held;
   for (const Handle& handle : handles) {
-    for (const Index v : handle.vertices) constraints.fix(v, places.row(v));
+    for (const Index v : handle.vertices) {
+      std::vector<bool>& components = held.try_emplace(v, d, false).first->second;
+      for (int c = 0; c < d; ++c) components[c] = components[c] || handle.held[static_cast<std::size_t>(c)];
+    }
+  }
+  Constraints constraints(domain.vertex_count(), d);
+  const Matrix places = handle_positions(handles, domain.positions(), 0.0, end);
+  for (const auto& [v, components] : held) {
+    if (std::find(components.begin(), components.end(), false) == components.end()) {
+      constraints.fix(v, places.row(v));
+    } else {
+      constraints.fix(v, places.row(v), components);
+    }
   }
   return constraints;
 }
@@ -294,7 +306,12 @@ class Integration {
       options.outputs.push_back(
           scene_.input.frames == 0 ? 0.0 : end * static_cast<double>(k) / static_cast<double>(scene_.input.frames));
     }
-    const OdeObserver observer = {.output =
+    const OdeObserver observer = {.step =
+                                      [&](const OdeStep& step, const Vector&) {
+                                        workspace_.progress(step.time / end);
+                                        return true;
+                                      },
+                                  .output =
                                       [this](double t, const Vector& y) {
                                         add_frame(t, y);
                                         return true;
@@ -314,6 +331,7 @@ class Integration {
       before_ = saved_.seconds;
       if (saved_.axis.size() == 3) axis_ = Eigen::Map<const Eigen::Vector3d>(saved_.axis.data());
       const OdeCheckpoint from = saved_.checkpoint;
+      evaluations_before_ = from.report.evaluations;
       y = backend_.resume(flow_, from, 0.0, end, options, observer);
     } else {
       y = backend_.integrate(flow_, flow_.rest_state(), 0.0, end, options, observer);
@@ -327,6 +345,8 @@ class Integration {
   const std::vector<Vector>& states() const { return saved_.states; }
   double turned() const { return saved_.turned; }
   double seconds() const { return before_ + watch_.seconds(); }
+  /// Evaluations of this run, without those before an interruption.
+  std::int64_t own_evaluations() const { return backend_.report().evaluations - evaluations_before_; }
 
  private:
   void add_frame(double t, const Vector& y) {
@@ -350,13 +370,13 @@ class Integration {
   const Workspace& workspace_;
   SavedIntegration saved_;
   Eigen::Vector3d axis_ = Eigen::Vector3d::Zero();
-  double before_ = 0.0;
+  double before_ = 0.0;  // seconds
+  std::int64_t evaluations_before_ = 0;
   Stopwatch watch_;
 };
 
 void run_continuous(const Config& config, const Scene& scene, Energy& energy, const Workspace& workspace,
                     const std::function<void(const Matrix&)>& carry, PointResult& result) {
-  const Stopwatch total;
   const Domain& domain = scene.domain;
   const Input& input = scene.input;
   SolverChoice solver = read_solver(config, kStarts);
@@ -415,7 +435,7 @@ void run_continuous(const Config& config, const Scene& scene, Energy& energy, co
 
   const std::int64_t evaluations = report.evaluations;
   const ProblemTimes times = flow.problem().times();
-  const auto each = static_cast<double>(std::max<std::int64_t>(1, evaluations));
+  const auto each = static_cast<double>(std::max<std::int64_t>(1, integration.own_evaluations()));
   row.set("beta", input.norm.options.beta);
   row.set("alpha", input.norm.gradient ? Value(input.norm.alpha) : Value());
   row.set("facet_weight", to_string(input.norm.options.facet_weight));
@@ -431,17 +451,18 @@ void run_continuous(const Config& config, const Scene& scene, Energy& energy, co
   row.set("evaluations", evaluations);
   row.set("evaluations_per_step", static_cast<double>(evaluations) / std::max(1, report.steps));
   row.set("drift", report.drift);
-  Vector placed = Eigen::Map<const Vector>(X.data(), X.size());
-  const double handle_error = flow.project(report.time, placed);
-  row.set("handle_error", handle_error);
+  row.set("handle_error", flow.handle_error(report.time, X));
   row.set("handle_turn", integration.turned());
-  Vector ignored(flow.size());
-  flow.velocity(report.time, Eigen::Map<const Vector>(X.data(), X.size()), ignored);
-  const EnergyValue energy_now = flow.energy();
-  row.set("energy_rate", energy_now.total);
-  row.set("energy", energy_now.plain);
-  row.set("energy_R", energy_now.variation);
-  row.set("energy_W", energy_now.total);
+  const Vector end = Eigen::Map<const Vector>(X.data(), X.size());
+  if (flow.refusal(report.time, end).empty()) {  // a rest shape may be refused
+    Vector ignored(flow.size());
+    flow.velocity(report.time, end, ignored);
+    const EnergyValue energy_now = flow.energy();
+    row.set("energy_rate", energy_now.total);
+    row.set("energy", energy_now.plain);
+    row.set("energy_R", energy_now.variation);
+    row.set("energy_W", energy_now.total);
+  }
   if (input.measure.condition) row.set("condition", condition);
   const LinearReport& linear = solver.linear->report();
   row.set("solver", linear.backend);
@@ -467,16 +488,21 @@ void run_continuous(const Config& config, const Scene& scene, Energy& energy, co
 void check(const Config& config) {
   check_domain(config.root().at("domain"));
   const bool velocities = is_velocity_energy(config);
-  read_energy(config.root().at("energy"), velocities);
+  const ConfigNode type = config.root().at("energy").at("type");
+  const auto energy = read_energy(config.root().at("energy"), velocities);
   const Input input = read_input(config, 1.0);
   read_solver(config, kStarts);
-  check_handle_tables(tables(config, "handle"));
-  check_materials(tables(config, "material"));
-  const ConfigNode energy = config.root().at("energy").at("type");
-  if (!velocities && (input.norm.gradient || !tables(config, "material").empty())) {
-    energy.fail("smoothing by alpha and [[material]] are for energies of velocity fields");
+  const std::vector<ConfigNode> handles = tables(config, "handle");
+  if (handles.empty()) throw UsageError("continuous_deformation: expected [[handle]] tables: nothing holds the shape");
+  check_handle_tables(handles);
+  const std::vector<ConfigNode> materials = tables(config, "material");
+  check_materials(materials);
+  if (input.norm.gradient || !materials.empty()) check_has_material(type, *energy);
+  if (velocities) {
+    make_integrator(config, input.integrator);
+  } else if (input.soft_weight > 0.0 || input.boundary_diffusion) {
+    config.root().at("baseline").fail("is for energies of velocity fields");
   }
-  if (velocities) make_integrator(config, input.integrator);
 }
 
 PointResult run(const Config& config, const Workspace& workspace) {

@@ -42,8 +42,9 @@ void check_materials(const std::vector<ConfigNode>& nodes) {
       const std::vector<double> direction = node.at("direction").numbers();
       double squared = 0.0;
       for (const double component : direction) squared += component * component;
-      if (!(squared > 0.0)) node.at("direction").fail("expected a vector other than 0");
-      if (!(node.at("stiffness").number() > 0.0)) node.at("stiffness").fail("expected a positive number");
+      if (!(squared > 0.0 && std::isfinite(squared))) node.at("direction").fail("expected a vector other than 0");
+      const double stiffness = node.at("stiffness").number();
+      if (!(stiffness > 0.0 && std::isfinite(stiffness))) node.at("stiffness").fail("expected a positive number");
     }
     if (node.has("region")) node.at("region").numbers();
   }
@@ -107,16 +108,17 @@ Material load_material(const std::vector<ConfigNode>& nodes, const Domain& domai
   return material;
 }
 
+void check_has_material(const ConfigNode& type, const Energy& energy) {
+  if (dynamic_cast<const VectorFieldEnergy*>(&energy) != nullptr) return;
+  type.fail("alpha and [[material]] are for akvf, metr, conf, auth and phi");
+}
+
 std::function<void(const Matrix&)> apply_material(const ConfigNode& node, const Material& material,
                                                   const Domain& domain, bool gradient,
                                                   std::unique_ptr<Energy>& energy) {
+  if (gradient || material.phi.size() > 0 || material.tensors.size() > 0) check_has_material(node.at("type"), *energy);
   const auto* const field = dynamic_cast<const VectorFieldEnergy*>(energy.get());
-  if (field == nullptr) {
-    if (gradient || material.phi.size() > 0 || material.tensors.size() > 0) {
-      node.at("type").fail("alpha and [[material]] are for akvf, metr, conf, auth and phi");
-    }
-    return {};
-  }
+  if (field == nullptr) return {};
   Vector parameter = field->parameter();
   if (material.phi.size() > 0) {
     if (field->kind() != VectorFieldKind::phi) node.at("type").fail("[[material]] with phi needs type = \"phi\"");

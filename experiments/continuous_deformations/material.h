@@ -31,6 +31,9 @@ void check_materials(const std::vector<ConfigNode>& nodes);
 /// Throws UsageError with the place for tables that do not fit the mesh.
 Material load_material(const std::vector<ConfigNode>& nodes, const Domain& domain);
 
+/// Throws UsageError at `type`, the energy's name in the config, for energies that have no material.
+void check_has_material(const ConfigNode& type, const Energy& energy);
+
 /// Puts a material and, if `gradient`, chapter 3's smoothness into an energy of velocity fields. Returns what carries
 /// its tensors along with the shape, to be called with the positions (|V| x p) before the energy is declared on them;
 /// empty without tensors. Throws UsageError naming the place for energies that have no material.

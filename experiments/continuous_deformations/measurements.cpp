@@ -40,24 +40,35 @@ Eigen::Vector3d in_space(const std::vector<double>& numbers, std::size_t first, 
   return result;
 }
 
+bool in_box(const Eigen::RowVectorXd& point, const std::vector<double>& box) {
+  const auto d = static_cast<std::size_t>(point.size());
+  for (std::size_t c = 0; c < d; ++c) {
+    const double x = point[static_cast<Eigen::Index>(c)];
+    if (!(x >= box[c] && x <= box[d + c])) return false;
+  }
+  return true;
+}
+
+// Cells whose centroid is in a box.
+std::vector<Index> cells_in(const Domain& domain, const std::vector<double>& box) {
+  std::vector<Index> cells;
+  for (Index t = 0; t < domain.cell_count(); ++t) {
+    Eigen::RowVectorXd centroid = Eigen::RowVectorXd::Zero(domain.ambient_dimension());
+    for (int i = 0; i < domain.cell_size(); ++i) {
+      centroid += domain.positions().row(domain.cells()(t, i)) / domain.cell_size();
+    }
+    if (in_box(centroid, box)) cells.push_back(t);
+  }
+  return cells;
+}
+
 // Weighted by rest measure over the cells of a region, and the largest value.
 void measure_region(const Domain& domain, const CellDistortion& cells, const std::vector<double>& box, Row& row) {
-  const int d = domain.ambient_dimension();
   double rest = 0.0;
   double now = 0.0;
   std::map<std::string, double> sums = {{"isom", 0.0}, {"conf", 0.0}, {"auth", 0.0}, {"metr", 0.0}};
   double largest = 0.0;
-  for (Index t = 0; t < domain.cell_count(); ++t) {
-    Eigen::RowVectorXd centroid = Eigen::RowVectorXd::Zero(d);
-    for (int i = 0; i < domain.cell_size(); ++i) {
-      centroid += domain.positions().row(domain.cells()(t, i)) / domain.cell_size();
-    }
-    bool inside = true;
-    for (int c = 0; c < d; ++c) {
-      inside = inside && centroid[c] >= box[static_cast<std::size_t>(c)] &&
-               centroid[c] <= box[static_cast<std::size_t>(d + c)];
-    }
-    if (!inside) continue;
+  for (const Index t : cells_in(domain, box)) {
     const double weight = domain.cell_measures()[t];
     rest += weight;
     now += weight * cells.determinant[t];
@@ -78,10 +89,11 @@ std::vector<Index> vertices_on(const Domain& domain, const std::vector<double>& 
   const Eigen::Vector3d along = in_space(line, static_cast<std::size_t>(d), d) - from;
   const double close = kSame * domain.diameter();
   std::vector<std::pair<double, Index>> found;
+  if (!(along.norm() > close)) return {};
   for (Index v = 0; v < domain.vertex_count(); ++v) {
     const Eigen::Vector3d x = in_space(domain.positions().row(v)) - from;
     const double s = x.dot(along) / along.squaredNorm();
-    if (s < -kSame || s > 1.0 + kSame || (x - s * along).norm() > close) continue;
+    if (!(s >= -kSame && s <= 1.0 + kSame) || (x - s * along).norm() > close) continue;
     found.emplace_back(s, v);
   }
   std::sort(found.begin(), found.end());
@@ -96,7 +108,7 @@ double length_of(const Matrix& X, const std::vector<Index>& path) {
   return length;
 }
 
-// Angle that a path turns about an axis from its first to its last vertex, less that at rest, in degrees.
+// Angle that a path turns about an axis from its first to its last vertex, in degrees.
 double turn_of(const Matrix& X, const std::vector<Index>& path, const Eigen::Vector3d& axis,
                const Eigen::Vector3d& about) {
   const Eigen::Vector3d z = axis.normalized();
@@ -217,6 +229,14 @@ const std::vector<Parameter>& measure_parameters() {
 MeasureChoice read_measure(const Config& config) {
   Parameters p(measure_parameters());
   if (config.root().has("measure")) p = config.root().at("measure").parameters(measure_parameters());
+  const auto fail = [&](const char* key, const char* what) { config.root().at("measure").at(key).fail(what); };
+  for (const char* key : {"axis", "direction"}) {
+    const std::vector<double>& x = p.numbers(key);
+    const double length = Eigen::Map<const Eigen::VectorXd>(x.data(), static_cast<Eigen::Index>(x.size())).norm();
+    if (!x.empty() && !(length > 0.0 && std::isfinite(length))) fail(key, "expected a vector other than 0");
+  }
+  if (!p.numbers("axis").empty() && p.numbers("line").empty()) fail("axis", "needs measure.line");
+  if (!p.numbers("about").empty() && p.numbers("axis").empty()) fail("about", "needs measure.axis");
   return {.region = p.numbers("region"),
           .line = p.numbers("line"),
           .axis = p.numbers("axis"),
@@ -249,6 +269,9 @@ void check_measure(const MeasureChoice& choice, const Domain& domain, const Conf
     const bool flat = domain.kind() == DomainKind::planar ||
                       (domain.kind() == DomainKind::surface && X.col(2).maxCoeff() == X.col(2).minCoeff());
     if (!flat) config.root().at("measure").at("lattice").fail("needs triangles in the xy-plane at rest");
+  }
+  if (!choice.region.empty() && cells_in(domain, choice.region).empty()) {
+    config.root().at("measure").at("region").fail("no cell has its centroid in it");
   }
   if (!choice.line.empty() && vertices_on(domain, choice.line).size() < 2) {
     config.root().at("measure").at("line").fail("fewer than two vertices are on it");

@@ -27,8 +27,10 @@ struct MeasureChoice {
 
 /// Parameters of [measure].
 const std::vector<Parameter>& measure_parameters();
+/// Throws UsageError naming the key for directions of length 0, and an axis without a line.
 MeasureChoice read_measure(const Config& config);
-/// Checks what the mesh decides: sizes of points, flat rest shapes for lattices.
+/// Throws UsageError naming the key for what does not fit the mesh: sizes of points, regions without a cell, lines with
+/// less than two vertices, lattices on rest shapes that are not flat.
 void check_measure(const MeasureChoice& choice, const Domain& domain, const Config& config);
 
 /// Metrics that measure() sets.
@@ -44,7 +46,8 @@ void measure(const Domain& domain, const std::vector<Handle>& handles, const Mat
 Matrix probe_images(const Domain& domain, const Matrix& X, const MeasureChoice& choice);
 
 /// Angle in degrees by which the vertices turned from one state to another by the rotation that fits best, about the
-/// axis that it has; `axis`, unless zero, decides the sign and becomes that axis.
+/// axis that it has; `axis`, unless zero, decides the sign and becomes that axis. In the plane counter-clockwise, and
+/// `axis` stays. NaN where no one rotation fits best: in space, vertices on a line.
 double turned_angle(const Matrix& from, const Matrix& to, const std::vector<Index>& vertices, Eigen::Vector3d& axis);
 
 }  // namespace variform

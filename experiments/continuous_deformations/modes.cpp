@@ -15,7 +15,8 @@
 namespace variform {
 namespace {
 
-constexpr int kShown = 12;  // eigenvalues that are metrics of their own
+constexpr std::size_t kMostRegions = 9;  // all their matches with segments are tried
+constexpr int kShown = 12;               // eigenvalues that are metrics of their own
 
 const std::vector<Parameter> kModesParameters = {
     {.name = "count", .value = std::int64_t{20}, .doc = "smallest eigenpairs", .min = 7.0, .max = 1000.0},
@@ -82,6 +83,12 @@ std::vector<int> reference_labels(const Config& config, const Domain& domain) {
     }
     ++label;
   }
+  label = 0;
+  for (const ConfigNode& node : region_tables(config)) {
+    if (std::find(labels.begin(), labels.end(), label++) == labels.end()) {
+      node.at("region").fail("no vertex is in it, or later tables have them all");
+    }
+  }
   return labels;
 }
 
@@ -119,8 +126,15 @@ void check(const Config& config) {
   check_domain(config.root().at("domain"));
   read_energy(config.root().at("energy"), true);
   section(config, "norm", kNormParameters);
+  if (section(config, "modes", kModesParameters).integer("segments") == 1) {
+    config.root().at("modes").at("segments").fail("expected 0, or 2 and more");
+  }
   make_backend(config);
-  for (const ConfigNode& node : region_tables(config)) {
+  const std::vector<ConfigNode> regions = region_tables(config);
+  if (regions.size() > kMostRegions) {
+    regions.back().fail(fmt::format("expected at most {} [[segment]] tables", kMostRegions));
+  }
+  for (const ConfigNode& node : regions) {
     node.accept_keys({"region"});
     node.at("region").numbers();
   }
@@ -135,6 +149,7 @@ PointResult run(const Config& config) {
   if (traits.columns != 1) {
     config.root().at("energy").at("type").fail("coordinates decouple here: its modes are functions, not velocities");
   }
+  const std::vector<int> reference = reference_labels(config, domain);
   const Parameters norm = section(config, "norm", kNormParameters);
   const Parameters p = section(config, "modes", kModesParameters);
   const int d = domain.ambient_dimension();
@@ -183,7 +198,6 @@ PointResult run(const Config& config) {
 
   const Matrix features = mode_features(modes, zeros, d);
   const Vector descriptor = stiffness_descriptor(features);
-  const std::vector<int> reference = reference_labels(config, domain);
   const auto tables = static_cast<int>(region_tables(config).size());
   if (tables >= 2) {
     const auto mean = [&](int label) {
