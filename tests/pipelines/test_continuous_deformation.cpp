@@ -270,6 +270,8 @@ TEST(ContinuousDeformation, WrongConfigsAreToldWithTheirPlace) {
            Bad{good + left + right + "[integrator]\ntype = \"abm4\"\n", "study.toml:14", "abm4"},
            Bad{good + left + right + "[integrator]\ntolerance = 0.0\n", "study.toml:14", "tolerance"},
            Bad{good + left + right + "[integrator]\nend = nan\n", "study.toml:14", "end"},
+           Bad{good + left + right + "[integrator]\nsmallest_step = 0.0\n", "study.toml:14", "smallest_step"},
+           Bad{good + left + right + "[integrator]\nsmallest_step = 0.1\n", "study.toml:13", "longer than the first"},
            Bad{good + left + right + "[integrator.options]\nuncontrolled = true\n", "study.toml:14", "uncontrolled"},
            Bad{good + left + right + "[measure]\nregion = [0.0, 0.0, 1.0]\n", "study.toml:14", "expected 4 numbers"},
            Bad{good + left + right + "[measure]\nregion = [9.0, 0.0, 9.5, 1.0]\n", "study.toml:14", "no cell"},
