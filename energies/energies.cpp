@@ -19,7 +19,8 @@
   X(edge_lengths)                        \
   X(laplacian)                           \
   X(bilaplacian)                         \
-  X(poisson)
+  X(poisson)                             \
+  X(gradient_editing)
 
 namespace variform {
 

@@ -46,18 +46,24 @@ bool indefinite(const VectorFieldWeights& w, double trace) {
       w.strain, w.divergence, trace));
 }
 
+template <int p>
+using Square = Eigen::Matrix<double, p * p, p * p>;
+
 // Vectorised transposition: K vec(A) = vec(A').
-Eigen::MatrixXd commutation(int p) {
-  Eigen::MatrixXd K = Eigen::MatrixXd::Zero(p * p, p * p);
+template <int p>
+Square<p> commutation() {
+  Square<p> K = Square<p>::Zero();
   for (int r = 0; r < p; ++r) {
     for (int c = 0; c < p; ++c) K(c * p + r, r * p + c) = 1.0;
   }
   return K;
 }
 
-// Orthonormal basis of the symmetric matrices, vectorised, p^2 x p (p+1)/2.
-Eigen::MatrixXd symmetric_basis(int p) {
-  Eigen::MatrixXd basis = Eigen::MatrixXd::Zero(p * p, p * (p + 1) / 2);
+// Orthonormal basis of the symmetric matrices, vectorised.
+template <int p>
+Eigen::Matrix<double, p * p, p*(p + 1) / 2> symmetric_basis() {
+  Eigen::Matrix<double, p * p, p*(p + 1) / 2> basis;
+  basis.setZero();
   int column = 0;
   for (int r = 0; r < p; ++r) {
     basis(r * p + r, column++) = 1.0;
@@ -68,9 +74,37 @@ Eigen::MatrixXd symmetric_basis(int p) {
   return basis;
 }
 
+template <int p>
+Square<p> matrix_of(const VectorFieldWeights& weights, const Eigen::Matrix<double, p, p>& B) {
+  const Square<p> twice_symmetric = Square<p>::Identity() + commutation<p>();
+  Square<p> blocks = Square<p>::Zero();
+  for (int i = 0; i < p; ++i) blocks.template block<p, p>(i * p, i * p) = B;
+  const Eigen::Map<const Eigen::Matrix<double, p * p, 1>> b(B.data());
+  return weights.strain * twice_symmetric.transpose() * blocks * twice_symmetric +
+         weights.divergence * b * b.transpose();
+}
+
+template <int p>
+Square<p> root_of(const VectorFieldWeights& weights, const Eigen::Matrix<double, p, p>& B) {
+  const auto N = symmetric_basis<p>();
+  using Reduced = Eigen::Matrix<double, p*(p + 1) / 2, p*(p + 1) / 2>;
+  const Reduced reduced = N.transpose() * matrix_of<p>(weights, B) * N;
+  const Eigen::SelfAdjointEigenSolver<Reduced> eigen(reduced);
+  auto values = eigen.eigenvalues();
+  const double zero = kRelativeZero * values.cwiseAbs().maxCoeff();
+  if (!(values.minCoeff() >= -zero)) refuse(weights, B.trace());
+  // As in identity_root.
+  for (double& value : values) value = value <= zero ? 0.0 : std::sqrt(value);
+  const Eigen::Matrix<double, p * p, p*(p + 1) / 2> V = N * eigen.eigenvectors();
+  return V * values.asDiagonal() * V.transpose();
+}
+
 int dimension_of(const Matrix& tensors) { return tensors.cols() == 4 ? 2 : 3; }
 
-Eigen::MatrixXd tensor_at(const Matrix& tensors, Index t) {
+// At most 3 x 3, its storage in place.
+using Tensor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, 3, 3>;
+
+Tensor tensor_at(const Matrix& tensors, Index t) {
   const int p = dimension_of(tensors);
   return Eigen::Map<const Eigen::MatrixXd>(tensors.row(tensors.rows() == 1 ? 0 : t).data(), p, p);
 }
@@ -80,18 +114,19 @@ void check_tensors(const Matrix& tensors) {
     throw DataError(
         fmt::format("vector-field energy: tensors have {} entries per cell, expected 4 or 9", tensors.cols()));
   }
+  const auto symmetric = [](const Tensor& B) {
+    return B.allFinite() && (B - B.transpose()).cwiseAbs().maxCoeff() <= 1e-12 * B.cwiseAbs().maxCoeff();
+  };
   for (Index t = 0; t < tensors.rows(); ++t) {
-    const Eigen::MatrixXd B = tensor_at(tensors, t);
-    const bool symmetric =
-        B.allFinite() && (B - B.transpose()).cwiseAbs().maxCoeff() <= 1e-12 * B.cwiseAbs().maxCoeff();
-    const double smallest =
-        symmetric ? Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(B, Eigen::EigenvaluesOnly).eigenvalues()[0] : 0.0;
-    if (!symmetric || !(smallest > 0.0)) {
-      throw DataError(fmt::format("vector-field energy: the tensor of cell {} is not symmetric positive definite: {}",
-                                  t,
-                                  symmetric ? fmt::format("its smallest eigenvalue is {:.3g}", smallest)
-                                            : std::string("it is not symmetric, or not finite")));
+    const Tensor B = tensor_at(tensors, t);
+    if (symmetric(B) && B.llt().info() == Eigen::Success) continue;
+    std::string why = "it is not symmetric, or not finite";
+    if (symmetric(B)) {
+      const Eigen::SelfAdjointEigenSolver<Tensor> eigen(B, Eigen::EigenvaluesOnly);
+      why = fmt::format("its smallest eigenvalue is {:.3g}", eigen.eigenvalues()[0]);
     }
+    throw DataError(
+        fmt::format("vector-field energy: the tensor of cell {} is not symmetric positive definite: {}", t, why));
   }
 }
 
@@ -102,13 +137,8 @@ VectorFieldWeights phi_weights(double phi) { return {std::sin(phi), std::cos(phi
 double largest_phi(double trace) { return std::numbers::pi - std::atan(trace / 4.0); }
 
 Eigen::MatrixXd vector_field_matrix(const VectorFieldWeights& weights, const Eigen::MatrixXd& B) {
-  const auto p = static_cast<int>(B.rows());
-  const Eigen::MatrixXd twice_symmetric = Eigen::MatrixXd::Identity(p * p, p * p) + commutation(p);
-  Eigen::MatrixXd blocks = Eigen::MatrixXd::Zero(p * p, p * p);
-  for (int i = 0; i < p; ++i) blocks.block(i * p, i * p, p, p) = B;
-  const Eigen::Map<const Eigen::VectorXd> b(B.data(), p * p);
-  return weights.strain * twice_symmetric.transpose() * blocks * twice_symmetric +
-         weights.divergence * b * b.transpose();
+  if (B.rows() == 2) return matrix_of<2>(weights, B);
+  return matrix_of<3>(weights, B);
 }
 
 Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, int p) {
@@ -116,20 +146,14 @@ Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, int p) {
   const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(p, p);
   const Eigen::Map<const Eigen::VectorXd> e(identity.data(), p * p);
   const Eigen::MatrixXd P_tr = e * e.transpose() / p;
-  const Eigen::MatrixXd P_sym = 0.5 * (Eigen::MatrixXd::Identity(p * p, p * p) + commutation(p)) - P_tr;
+  const Eigen::MatrixXd K = p == 2 ? Eigen::MatrixXd(commutation<2>()) : Eigen::MatrixXd(commutation<3>());
+  const Eigen::MatrixXd P_sym = 0.5 * (Eigen::MatrixXd::Identity(p * p, p * p) + K) - P_tr;
   return 2.0 * std::sqrt(weights.strain) * P_sym + identity_root(weights, p) * P_tr;
 }
 
 Eigen::MatrixXd vector_field_root(const VectorFieldWeights& weights, const Eigen::MatrixXd& B) {
-  const Eigen::MatrixXd N = symmetric_basis(static_cast<int>(B.rows()));
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(N.transpose() * vector_field_matrix(weights, B) * N);
-  Vector values = eigen.eigenvalues();
-  const double zero = kRelativeZero * values.cwiseAbs().maxCoeff();
-  if (!(values.minCoeff() >= -zero)) refuse(weights, B.trace());
-  // As in identity_root.
-  for (double& value : values) value = value <= zero ? 0.0 : std::sqrt(value);
-  const Eigen::MatrixXd V = N * eigen.eigenvectors();
-  return V * values.asDiagonal() * V.transpose();
+  if (B.rows() == 2) return root_of<2>(weights, B);
+  return root_of<3>(weights, B);
 }
 
 VectorFieldEnergy::VectorFieldEnergy(VectorFieldKind kind, Vector parameter, const Matrix& tensors,
@@ -161,15 +185,20 @@ void VectorFieldEnergy::set_tensors(const Matrix& tensors) {
   tensors_ = tensors;
   // Where the kind and the tensor allow it: a phi out of range is for traits to refuse, with the cell.
   const int p = dimension_of(tensors_);
-  const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(p * p, p * p);
-  roots_.assign(std::max<std::size_t>(tensors.rows(), parameter_.size()), none);
-  gradients_ = roots_;
-  parallel_for(static_cast<Index>(roots_.size()), [&](Index t) {
+  const auto count = std::max<std::size_t>(tensors.rows(), parameter_.size());
+  if (roots_.size() != count) {
+    roots_.assign(count, Eigen::MatrixXd::Zero(p * p, p * p));
+    gradients_ = roots_;
+  }
+  const auto place = [&]<int dimension>(Index t) {
     const VectorFieldWeights w = weights(t, trace(t, p));
     if (indefinite(w, trace(t, p))) return;
-    roots_[t] = vector_field_root(w, tensor_at(tensors_, t));
-    if (smoothness_ == Smoothness::gradient) gradients_[t] = 2.0 * vector_field_matrix(w, tensor_at(tensors_, t));
-  });
+    const Eigen::Matrix<double, dimension, dimension> B = tensor_at(tensors_, t);
+    roots_[t] = root_of<dimension>(w, B);
+    if (smoothness_ == Smoothness::gradient) gradients_[t] = 2.0 * matrix_of<dimension>(w, B);
+  };
+  parallel_for(static_cast<Index>(count),
+               [&](Index t) { p == 2 ? place.template operator()<2>(t) : place.template operator()<3>(t); });
 }
 
 double VectorFieldEnergy::trace(Index t, int p) const {
@@ -371,19 +400,13 @@ std::unique_ptr<VectorFieldEnergy> make_vector_field_energy(const Vector& phi, c
   return std::make_unique<VectorFieldEnergy>(VectorFieldKind::phi, phi, tensors, smoothness);
 }
 
-namespace {
-
-// Closest rotation; the identity where there is no unique one.
-template <int p>
-Eigen::Matrix<double, p, p> rotation_of(const Eigen::MatrixXd& J) {
-  Eigen::Matrix<double, p, p> Q = Eigen::Matrix<double, p, p>::Identity();
-  closest_rotation(Eigen::Matrix<double, p, p>(J), Q);
-  return Q;
+Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tensors) {
+  Matrix result;
+  rotated_tensors(domain, U, tensors, result);
+  return result;
 }
 
-}  // namespace
-
-Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tensors) {
+void rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tensors, Matrix& result) {
   const int p = domain.ambient_dimension();
   if (domain.kind() == DomainKind::surface || U.rows() != domain.vertex_count() || U.cols() != p ||
       tensors.cols() != p * p || (tensors.rows() != 1 && tensors.rows() != domain.cell_count())) {
@@ -393,15 +416,22 @@ Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tens
                     U.rows(), U.cols(), tensors.rows(), tensors.cols(), to_string(domain.kind()), domain.vertex_count(),
                     domain.cell_count()));
   }
-  Matrix result(domain.cell_count(), p * p);
-  parallel_for(domain.cell_count(), [&](Index t) {
-    const Eigen::MatrixXd J = deformation(domain, t, U).transpose();
-    const Eigen::MatrixXd Q = p == 2 ? Eigen::MatrixXd(rotation_of<2>(J)) : Eigen::MatrixXd(rotation_of<3>(J));
-    const Eigen::MatrixXd B = Q * tensor_at(tensors, t) * Q.transpose();
-    const Eigen::MatrixXd symmetric = 0.5 * (B + B.transpose());
-    result.row(t) = Eigen::Map<const Eigen::RowVectorXd>(symmetric.data(), p * p);
-  });
-  return result;
+  result.resize(domain.cell_count(), p * p);
+  const auto place = [&]<int dimension>(Index t) {
+    using Small = Eigen::Matrix<double, dimension, dimension>;
+    Small J = Small::Zero();
+    const Eigen::Map<const Eigen::Matrix<double, dimension, dimension + 1>> G(domain.gradient(t).data());
+    for (int i = 0; i <= dimension; ++i) {
+      const Eigen::Matrix<double, dimension, 1> u = U.row(domain.cells()(t, i)).transpose();
+      J += u * G.col(i).transpose();
+    }
+    Small Q = Small::Identity();  // stays where there is no unique closest rotation
+    closest_rotation(J, Q);
+    const Small B = Q * Small(tensor_at(tensors, t)) * Q.transpose();
+    Eigen::Map<Small>(result.row(t).data()) = 0.5 * (B + B.transpose());
+  };
+  parallel_for(domain.cell_count(),
+               [&](Index t) { p == 2 ? place.template operator()<2>(t) : place.template operator()<3>(t); });
 }
 
 namespace {

@@ -127,5 +127,7 @@ std::unique_ptr<VectorFieldEnergy> make_vector_field_energy(const Vector& phi, c
 /// Tensors carried along by a deformation of the domain to vertex values U (|V| x p): B_t' = Q B_t Q' with the rotation
 /// Q closest to the deformation gradient of the cell, the identity where there is no unique one. One row per cell.
 Matrix rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tensors);
+/// The same in place; with set_tensors it allocates nothing when sizes stay.
+void rotated_tensors(const Domain& domain, const Matrix& U, const Matrix& tensors, Matrix& result);
 
 }  // namespace variform

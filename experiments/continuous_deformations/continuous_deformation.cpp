@@ -189,6 +189,7 @@ std::vector<Metric> own_metrics() {
       {{"handle_turn"},
        "degrees that the first moving handle turned, summed over frames, which must be less than half a turn apart"},
       {{"energy_rate"}, "regularized energy of the velocities at the end"},
+      {{"nnz_per_row", "non-zeros/row"}, "of the matrix that is factorized, both triangles"},
       {{"condition"}, "with measure.condition: condition number of the eliminated matrix at the start"},
       {{"seconds_t1", "t1", "s"}, "symbolic analysis and patterns"},
       {{"seconds_t2", "t2", "s"}, "of an evaluation: geometry, operators, assembly"},
@@ -474,6 +475,7 @@ void run_continuous(const Config& config, const Scene& scene, Energy& energy, co
   row.set("analyses", static_cast<std::int64_t>(linear.analyses));
   row.set("unknowns", static_cast<std::int64_t>(linear.columns));
   row.set("nnz_H", static_cast<std::int64_t>(linear.nnz_matrix));
+  row.set("nnz_per_row", 2.0 * static_cast<double>(linear.nnz_matrix) / static_cast<double>(linear.columns) - 1.0);
   row.set("nnz_L", linear.nnz_factor >= 0 ? Value(static_cast<std::int64_t>(linear.nnz_factor)) : Value());
   row.set("flops", linear.flops >= 0.0 ? Value(linear.flops) : Value());
   row.set("seconds_t1", times.pattern + times.analyze);

@@ -158,7 +158,7 @@ void check_motion(const ConfigNode& node, const std::string& kind) {
     const std::string curve = only_key(how, kCurves);
     const ConfigNode shape = how.at(curve);
     if (curve == "circle") {
-      accept_section(shape, "[[handle]] path circle");
+      accept_section(shape, "[[handle]] circle");
       finite_numbers(shape.at("centre"));
       if (shape.has("from")) plain_point(shape.at("from"));
       if (!std::isfinite(radians(shape)) || radians(shape) == 0.0) shape.at("degrees").fail("expected an angle");

@@ -26,6 +26,10 @@ const std::vector<Parameter> kModesParameters = {
      .doc = "identity: as published, depends on the mesh; consistent: weighted by area or volume",
      .choices = {"identity", "consistent"}},
     {.name = "segments", .value = std::int64_t{0}, .doc = "most segments tried; 0: none", .min = 0.0, .max = 9.0},
+    {.name = "graph",
+     .value = std::string("similarity"),
+     .doc = "vertices that a segmentation joins: those of an edge, or also those of similar features",
+     .choices = {"edges", "similarity"}},
     {.name = "shown",
      .value = std::int64_t{6},
      .doc = "first mode beyond the rigid ones that figures show",
@@ -232,7 +236,9 @@ PointResult run(const Config& config) {
   }
   if (p.integer("segments") >= 2) {
     const auto graph_backend = make_backend(config);
-    const Segmentation parts = segment(domain, features, static_cast<int>(p.integer("segments")), *graph_backend);
+    const Segmentation parts =
+        segment(domain, features, static_cast<int>(p.integer("segments")),
+                p.string("graph") == "edges" ? SegmentGraph::edges : SegmentGraph::similarity, *graph_backend);
     const std::vector<int>& labels = parts.labels[static_cast<std::size_t>(parts.segments - 2)];
     row.set("segments", static_cast<std::int64_t>(parts.segments));
     if (tables > 0) row.set("agreement", agreement(labels, reference));

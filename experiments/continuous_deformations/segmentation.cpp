@@ -10,6 +10,7 @@
 #include <set>
 
 #include "framework/base/error.h"
+#include "framework/base/parallel.h"
 
 namespace variform {
 namespace {
@@ -17,8 +18,32 @@ namespace {
 constexpr double kEqual = 1e-6;  // relative gap of eigenvalues that count as equal
 constexpr int kRounds = 200;     // of Lloyd's iteration
 
-std::set<std::pair<Index, Index>> edges_of(const Domain& domain) {
-  std::set<std::pair<Index, Index>> edges;
+using Pairs = std::set<std::pair<Index, Index>>;
+
+constexpr int kSimilar = 12;
+
+// Every vertex with those of the most similar features; all distances, in parallel.
+void join_similar(const Matrix& features, Pairs& pairs) {
+  const auto vertices = static_cast<Index>(features.rows());
+  const int count = std::min<int>(kSimilar, vertices - 1);
+  const Vector squares = features.rowwise().squaredNorm();
+  IndexMatrix similar(vertices, count);
+  parallel_for(vertices, [&](Index v) {
+    const Vector distance = squares - 2.0 * features * features.row(v).transpose();
+    std::vector<Index> order(static_cast<std::size_t>(vertices));
+    std::iota(order.begin(), order.end(), 0);
+    std::swap(order[0], order[static_cast<std::size_t>(v)]);  // itself
+    std::partial_sort(order.begin() + 1, order.begin() + 1 + count, order.end(),
+                      [&](Index a, Index b) { return distance[a] != distance[b] ? distance[a] < distance[b] : a < b; });
+    for (int k = 0; k < count; ++k) similar(v, k) = order[static_cast<std::size_t>(k) + 1];
+  });
+  for (Index v = 0; v < vertices; ++v) {
+    for (int k = 0; k < count; ++k) pairs.insert(std::minmax(v, similar(v, k)));
+  }
+}
+
+Pairs edges_of(const Domain& domain) {
+  Pairs edges;
   for (Index t = 0; t < domain.cell_count(); ++t) {
     for (int i = 0; i < domain.cell_size(); ++i) {
       for (int j = 0; j < i; ++j) edges.insert(std::minmax(domain.cells()(t, i), domain.cells()(t, j)));
@@ -87,13 +112,15 @@ Matrix mode_features(const EigenPairs& modes, Index skip, int d) {
 
 Vector stiffness_descriptor(const Matrix& features) { return features.rowwise().sum(); }
 
-Segmentation segment(const Domain& domain, const Matrix& features, int most, EigenBackend& backend) {
+Segmentation segment(const Domain& domain, const Matrix& features, int most, SegmentGraph graph,
+                     EigenBackend& backend) {
   const Index vertices = domain.vertex_count();
   if (most < 2 || vertices <= most + 1) {
     throw UsageError(fmt::format(
         "segmentation: {} segments of {} vertices: expected 2 or more, and fewer than vertices", most, vertices));
   }
-  const auto edges = edges_of(domain);
+  Pairs edges = edges_of(domain);
+  if (graph == SegmentGraph::similarity) join_similar(features, edges);
   double scale = 0.0;
   for (const auto& [a, b] : edges) {
     scale += (features.row(a) - features.row(b)).squaredNorm() / static_cast<double>(edges.size());

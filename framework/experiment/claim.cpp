@@ -180,8 +180,16 @@ Claim read_claim(const ConfigNode& node) {
   claim.along = node.string_or("along", "");
   claim.tolerance = node.number_or("tolerance", 1e-9);
   const std::string quantifier = node.string_or("quantifier", "all");
-  if (quantifier != "all" && quantifier != "any") node.at("quantifier").fail("expected \"all\" or \"any\"");
+  if (quantifier != "all" && quantifier != "any" && quantifier != "median") {
+    node.at("quantifier").fail("expected \"all\", \"any\" or \"median\"");
+  }
   claim.any = quantifier == "any";
+  claim.median = quantifier == "median";
+  claim.share = node.number_or("share", 1.0);
+  if (node.has("share")) {
+    if (!(claim.share > 0.0 && claim.share <= 1.0)) node.at("share").fail("expected a number in (0, 1]");
+    if (quantifier != "all") node.at("share").fail("only for quantifier = \"all\"");
+  }
   if (node.has("where")) claim.where = node.at("where").located([&] { return Condition(node.at("where").string()); });
   for (const char* key : {"relative_to", "minus"}) {
     if (node.has(key)) node.at(key).located([&] { return Condition(node.at(key).string()); });
@@ -189,7 +197,10 @@ Claim read_claim(const ConfigNode& node) {
   if (is_monotone(claim.is)) {
     if (claim.along.empty())
       node.fail(fmt::format("'is' = \"{}\" needs 'along', the key that orders the rows", claim.is));
-    if (claim.any) node.at("quantifier").fail(fmt::format("'is' = \"{}\" is about all rows", claim.is));
+    if (claim.any || claim.median) {
+      node.at("quantifier").fail(fmt::format("'is' = \"{}\" is about all rows", claim.is));
+    }
+    if (node.has("share")) node.at("share").fail(fmt::format("'is' = \"{}\" is about all rows", claim.is));
   } else {
     node.at("is").located([&] { return parsed_relations(claim.is); });
     if (node.has("along")) node.at("along").fail(fmt::format("only for {}", fmt::join(kMonotone, ", ")));
@@ -209,6 +220,8 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
   if (!claim.minus.empty()) verdict.condition += ", minus " + claim.minus;
   if (!claim.where.text().empty()) verdict.condition += ", where " + claim.where.text();
   if (claim.any) verdict.condition += ", for any row";
+  if (claim.median) verdict.condition += ", for the median";
+  if (claim.share < 1.0) verdict.condition += fmt::format(", for {:.0f} % of the rows", 100.0 * claim.share);
   try {
     const std::string& reference_text = claim.relative_to.empty() ? claim.minus : claim.relative_to;
     std::map<std::string, double> references;
@@ -275,9 +288,14 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
     for (const Point& point : points) values.push_back(point.value);
     verdict.ours = range_text(values);
     if (unconverged > 0) verdict.ours += fmt::format("; {} not converged", unconverged);
-    bool holds = !claim.any;
+    if (claim.median) {
+      std::sort(values.begin(), values.end());
+      const std::size_t middle = values.size() / 2;
+      values = {values.size() % 2 == 1 ? values[middle] : 0.5 * (values[middle - 1] + values[middle])};
+      verdict.ours = fmt::format("median {:.4g}; {}", values.front(), verdict.ours);
+    }
+    bool holds = true;
     if (is_monotone(claim.is)) {
-      holds = true;
       std::map<std::string, int> sizes;
       for (const Point& point : points) ++sizes[point.group];
       for (const auto& [group, size] : sizes) {
@@ -310,16 +328,24 @@ Verdict decide(const Claim& claim, const std::vector<Row>& rows, const std::vect
       }
     } else {
       const auto relations = parsed_relations(claim.is);
+      std::size_t met = 0;
       for (const double value : values) {
-        bool met = true;
-        for (const auto& [relation, bound] : relations) {
-          if (compare(value, relation, bound)) continue;
-          met = false;
-          if (!claim.any) verdict.reason = fmt::format("{:.6g} {} {:.6g} does not hold", value, relation, bound);
+        const auto broken = std::find_if(relations.begin(), relations.end(), [value](const auto& relation) {
+          return !compare(value, relation.first, relation.second);
+        });
+        if (broken == relations.end()) {
+          ++met;
+        } else {
+          verdict.reason = fmt::format("{:.6g} {} {:.6g} does not hold", value, broken->first, broken->second);
         }
-        holds = claim.any ? holds || met : holds && met;
       }
+      const auto rows_that_count = static_cast<double>(values.size());
+      holds = claim.any ? met > 0 : static_cast<double>(met) >= claim.share * rows_that_count * (1.0 - 1e-12);
       if (claim.any && !holds) verdict.reason = "holds for no row";
+      if (claim.share < 1.0) {
+        verdict.ours += fmt::format("; {:.0f} %", 100.0 * static_cast<double>(met) / rows_that_count);
+        if (!holds) verdict.reason = fmt::format("holds for {} of {} rows", met, values.size());
+      }
     }
     verdict.outcome = holds ? Verdict::Outcome::holds : Verdict::Outcome::fails;
     if (holds) verdict.reason.clear();

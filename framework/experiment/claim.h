@@ -43,7 +43,8 @@ class Condition {
 ///   metric    = "flipped"
 ///   is        = "== 0"                     # == != < <= > >= NUMBER, or
 ///                                          # nonincreasing, nondecreasing, increasing, decreasing
-///   quantifier  = "all"                    # optional: all (default) or any of the rows
+///   quantifier  = "all"                    # optional: all (default) or any of the rows, or their median
+///   share       = 0.8                      # optional, with all: this share of the rows is enough
 ///   relative_to = "norm.beta == 0"         # optional: divide by the metric of this row (other swept keys equal)
 ///   minus       = "norm.beta == 0"         # optional: subtract it instead
 ///   along     = "norm.beta"                # for the four monotone relations: order of rows, other swept keys equal
@@ -55,6 +56,8 @@ struct Claim {
   std::string metric;
   std::string is;
   bool any = false;
+  bool median = false;
+  double share = 1.0;
   std::string relative_to;
   std::string minus;
   std::string along;

@@ -164,6 +164,16 @@ bool is_logarithmic(const std::vector<Curve>& curves, std::vector<double> Curve:
   return high >= 100.0 * low;
 }
 
+// What grows from rest begins with rounding errors, which a logarithmic axis would be about.
+bool begins_with_rounding(const std::vector<Curve>& curves) {
+  constexpr double kRounding = 1e-10;
+  for (const Curve& curve : curves) {
+    const auto [low, high] = std::minmax_element(curve.y.begin(), curve.y.end());
+    if (low != curve.y.end() && *low < kRounding * *high) return true;
+  }
+  return false;
+}
+
 // File names have no other characters.
 std::string as_file_name(std::string text) {
   for (char& c : text) {
@@ -187,7 +197,8 @@ void draw_curves(const Plan& plan, const std::vector<Point>& points, const fs::p
     }
   }
   for (std::size_t i = 0; i < plots.size(); ++i) {
-    plots[i].log_y = is_logarithmic(plots[i].curves, &Curve::y, false);
+    const std::vector<Curve>& curves = plots[i].curves;
+    plots[i].log_y = is_logarithmic(curves, &Curve::y, false) && !begins_with_rounding(curves);
     add_plot(plots[i], fmt::format("curve-{}-{}", i + 1, as_file_name(plots[i].y_label)), folder, record);
   }
 }

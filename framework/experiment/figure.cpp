@@ -66,7 +66,7 @@ constexpr int kUndefinedColour = kColourCount;
 constexpr int kPlainColour = kColourCount + 1;
 
 /// Logarithmic scales end here below the largest value: zeros up to rounding would stretch them beyond use.
-constexpr double kMaxDecades = 12.0;
+constexpr double kMaxDecades = 6.0;
 
 struct Colour {
   double red, green, blue;

@@ -21,7 +21,7 @@ struct ColourScale {
 };
 
 /// Scale from the smallest (or 0) to the largest finite value of several fields, so that figures can be compared.
-/// Logarithmic ones start at the smallest positive value, no more than 12 decades below the largest.
+/// Logarithmic ones start at the smallest positive value, no more than 6 decades below the largest.
 ColourScale common_scale(const std::vector<Vector>& fields, bool logarithmic, const std::string& label);
 
 /// One mesh with coloured cells: planar, a surface in space, or the boundary of tetrahedra.

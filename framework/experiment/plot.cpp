@@ -140,8 +140,11 @@ Script script_of(const LinePlot& plot, const std::string& name) {
   // Beside the plot long labels would leave no room for it.
   std::size_t longest = 0;
   for (const Curve& curve : plot.curves) longest = std::max(longest, curve.label.size());
-  script.text += longest > kLongestSideLabel ? "set key below left Left reverse samplen 2 maxcols 1\n"
-                                             : "set key outside right top Left reverse samplen 2\n";
+  // Below it, gnuplot's own margin would let them run into the label of the axis.
+  script.text += longest > kLongestSideLabel
+                     ? fmt::format("set key below left Left reverse samplen 2 maxcols 1\nset bmargin {}\n",
+                                   std::min<std::size_t>(plot.curves.size(), 14) + 5)
+                     : "set key outside right top Left reverse samplen 2\n";
   for (const double mark : plot.marks) {
     if (!(mark >= x.low && mark <= x.high)) continue;
     script.text += fmt::format(

@@ -203,7 +203,14 @@ void DeformationFlow::velocity(double t, const Vector& y, Vector& dy) {
   refresh_handle_velocities(t);
   geometry_seconds_ += watch.seconds();
   problem_.refresh_operator();
-  problem_.solve(backend_, velocities_);
+  try {
+    problem_.solve(backend_, velocities_);
+  } catch (const SolverError& error) {
+    // The rest shape has a solution or none. Of one that moved, cells as thin as rounding make the matrix singular: a
+    // shorter step may avoid them.
+    if (positions_ == rest_.positions()) throw;
+    throw StepRefused(error.what());
+  }
   if (continuation_) {
     Index row = 0;
     for (Index v = 0; v < rest_.vertex_count(); ++v) {

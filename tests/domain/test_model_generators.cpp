@@ -202,7 +202,7 @@ TEST(CactusSurface, IsAGoodClosedSurfaceOfItsSize) {
     EXPECT_GT(quality.mean_edge, 0.8 * h);
     EXPECT_LT(quality.mean_edge, 1.6 * h);
     EXPECT_GT(quality.min_angle, 15.0);
-    EXPECT_LT(quality.measure_ratio, 25.0);
+    EXPECT_LT(quality.measure_ratio, 12.0);
     const Eigen::RowVector3d low = mesh.positions.colwise().minCoeff();
     const Eigen::RowVector3d high = mesh.positions.colwise().maxCoeff();
     EXPECT_LT((low - Eigen::RowVector3d(-0.40, -0.12, 0.0)).norm(), 0.01);

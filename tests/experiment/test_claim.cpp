@@ -134,6 +134,17 @@ TEST(Claim, AllAndAny) {
   EXPECT_EQ(outcome_of("metric = 'flipped'\nis = '> 0'\nwhere = 'beta == 0'"), kHolds);
 }
 
+TEST(Claim, MedianAndShareOfTheRows) {
+  // Two of six rows have flipped cells.
+  EXPECT_EQ(outcome_of("metric = 'flipped'\nis = '== 0'\nquantifier = 'median'"), kHolds);
+  EXPECT_EQ(outcome_of("metric = 'flipped'\nis = '> 0'\nquantifier = 'median'"), kFails);
+  EXPECT_EQ(outcome_of("metric = 'flipped'\nis = '> 0'\nshare = 0.33"), kHolds);
+  EXPECT_EQ(outcome_of("metric = 'flipped'\nis = '> 0'\nshare = 0.34"), kFails);
+  EXPECT_THAT(verdict_on("metric = 'flipped'\nis = '> 0'\nshare = 0.34").reason, HasSubstr("2 of 6 rows"));
+  EXPECT_THAT(reading_error("metric = 'm'\nis = '> 0'\nshare = 1.5"), HasSubstr("key 'share'"));
+  EXPECT_THAT(reading_error("metric = 'm'\nis = '> 0'\nshare = 0.5\nquantifier = 'any'"), HasSubstr("key 'share'"));
+}
+
 TEST(Claim, RelativeToDividesByTheRowThatAgreesInAllOtherSweptKeys) {
   // a: 2, 3; b: 0.5, 0.25.
   EXPECT_EQ(verdict_on("metric = 'E'\nis = '> 0'\nwhere = 'beta > 0'\nrelative_to = 'beta == 0'").ours,

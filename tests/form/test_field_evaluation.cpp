@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "energies/energies.h"
+#include "energies/vector_field/vector_field.h"
 #include "framework/base/error.h"
 #include "framework/domain/generators.h"
 #include "framework/form/problem.h"
@@ -119,6 +120,39 @@ TEST(FieldEvaluation, AllocatesNothing) {
         EXPECT_LT((0.2 * v.row(5) + 0.3 * v.row(6) + 0.5 * v.row(7) - values.row(0)).norm(), 1e-8);
       }
     }
+  }
+}
+
+TEST(FieldEvaluation, TensorsCarriedAlongAllocateNothing) {
+  for (const Domain& rest : {Domain(rectangle_mesh({.h = 0.25})), Domain(bar_tet_mesh(1.0, 1.0, 1.0, 0.5))}) {
+    Domain domain = rest;
+    const int p = rest.ambient_dimension();
+    Eigen::MatrixXd B = Eigen::MatrixXd::Identity(p, p);
+    B(0, 1) = B(1, 0) = 0.4;
+    const Matrix tensors = Eigen::Map<const Eigen::RowVectorXd>(B.data(), B.size()).replicate(rest.cell_count(), 1);
+    VectorFieldEnergy energy(VectorFieldKind::metric, Vector::Zero(1), tensors, Smoothness::gradient);
+    Constraints constraints(domain.vertex_count(), p);
+    for (Index v = 0; v < domain.vertex_count(); v += 4) constraints.fix(v, Eigen::RowVectorXd::Random(p));
+    Problem problem(domain, energy, {.beta = 0.3}, constraints);
+    PlainLdlt backend;
+    Matrix carried;
+    Matrix v;
+    Matrix positions = rest.positions();
+    long before = 0;
+    for (int evaluation = 0; evaluation < 4; ++evaluation) {
+      if (evaluation == 2) before = testing::allocation_count();
+      positions.col(0) *= 1.1;
+      positions.col(1) += 0.1 * positions.col(0);
+      domain.set_positions(positions);
+      rotated_tensors(rest, positions, tensors, carried);
+      energy.set_tensors(carried);
+      problem.refresh_operator();
+      problem.solve(backend, v);
+    }
+    EXPECT_EQ(testing::allocation_count() - before, 0);
+    const VectorFieldEnergy last(VectorFieldKind::metric, Vector::Zero(1), carried, Smoothness::gradient);
+    Problem fresh(domain, last, {.beta = 0.3}, constraints);
+    EXPECT_LT((fresh.solve(backend) - v).norm(), 1e-10 * v.norm());
   }
 }
 

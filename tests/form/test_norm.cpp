@@ -138,6 +138,19 @@ TEST(CellNorm, IsThePlainPartAndTheVariation) {
   }
 }
 
+TEST(VariationNorm, OfWeightOneIsTheVariation) {
+  for (const Domain& domain : domains()) {
+    const Matrix R = Matrix::Random(domain.cell_count(), 3);
+    for (const FacetWeight weight : kWeights) {
+      const auto norm = variation_norm(domain, {.beta = 1.0, .facet_weight = weight});
+      const double expected = residual_variation(domain, weight, R);
+      EXPECT_NEAR(norm->squared(R), expected, 1e-12 * expected);
+    }
+    EXPECT_THROW(variation_norm(domain, {.beta = 1.1}), UsageError);
+    EXPECT_THROW(cell_norm(domain, {.beta = 1.0}), UsageError);
+  }
+}
+
 TEST(CellNorm, FacetWeightsScaleAsDocumented) {
   for (const Domain& domain : domains()) {
     Domain scaled = domain;

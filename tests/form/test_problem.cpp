@@ -341,6 +341,35 @@ TEST_F(MovedDomain, IsSeenByVertexResiduals) {
 
 TEST_F(MovedDomain, IsSeenByARegularizerOfTheEnergy) { expect_as_built_afresh(SelfRegularized(), {.beta = 0.4}); }
 
+TEST(Problem, TakesWeightOneForARegularizerOfTheEnergyOnly) {
+  const Domain domain(rectangle_mesh({.h = 0.25, .jitter = 0.3}));
+  Constraints constraints(domain.vertex_count(), 2);  // corners are on no interior facet
+  for (Index v = 0; v < domain.vertex_count(); ++v) {
+    if (domain.boundary_vertices()[v]) constraints.fix(v, Eigen::RowVector2d::Random());
+  }
+  const auto backend = make_linear_backend("eigen.ldlt");
+  const SelfRegularized own;
+  Problem problem(domain, own, {.beta = 0.4}, constraints);
+  problem.solve(*backend);
+  problem.set_beta(1.0);
+  const Matrix U = problem.solve(*backend);
+  Problem fresh(domain, own, {.beta = 1.0}, constraints);
+  EXPECT_EQ((problem.normal_matrix() - fresh.normal_matrix()).norm(), 0.0);
+  EXPECT_LT((fresh.solve(*backend) - U).norm(), 1e-12 * U.norm());
+  const EnergyValue value = problem.value(U);
+  EXPECT_EQ(value.total, value.variation);
+  EXPECT_THROW(problem.set_beta(1.1), UsageError);
+  EXPECT_EQ(problem.beta(), 1.0);
+
+  const auto larap = make("larap");
+  EXPECT_THROW(Problem(domain, *larap, {.beta = 1.0}, constraints), UsageError);
+  Problem without(domain, *larap, {.beta = 0.4}, constraints);
+  EXPECT_THROW(without.set_beta(1.0), UsageError);
+  EXPECT_EQ(without.beta(), 0.4);
+  EXPECT_THROW(Problem(domain, own, {.beta = 1.0, .regularizer = Regularizer::tikhonov}, constraints), UsageError);
+  EXPECT_THROW(Problem(domain, own, {.beta = std::nan("")}, constraints), UsageError);
+}
+
 TEST_F(MovedDomain, IsSeenByTikhonov) {
   for (const std::string name : {"larap", "arap"}) {
     SCOPED_TRACE(name);
