@@ -418,7 +418,7 @@ TEST(Modes, SegmentsOfADumbbellAreItsParts) {
   const TemporaryFolder folder;
   write_mesh(folder / "dumbbell.obj", dumbbell());
   const std::string domain = "[domain]\nmesh = \"" + (folder / "dumbbell.obj").string() + "\"\n";
-  const std::string rest = "[energy]\ntype = \"akvf\"\n[modes]\ncount = 7\nsegments = 4\n";
+  const std::string rest = "[energy]\ntype = \"akvf\"\n[modes]\ncount = 7\nsegments = 4\ngraph = \"edges\"\n";
   const std::string lumps =
       "[[segment]]\nregion = [-0.01, -0.01, 0.99, 1.01]\n[[segment]]\nregion = [2.01, -0.01, 3.01, 1.01]\n";
   const PointResult result = run("modes", domain + rest + lumps);
