@@ -56,7 +56,7 @@ const std::vector<Parameter> kIntegratorParameters = {
      .doc = "first step by the interval; the step of euler and rk4",
      .min = 1e-9,
      .max = 1.0},
-    {.name = "smallest_step", .value = 1e-6, .doc = "by the interval", .min = 0.0, .max = 1.0},
+    {.name = "smallest_step", .value = 1e-6, .doc = "by the interval", .min = 1e-12, .max = 1.0},
     {.name = "max_steps", .value = std::int64_t{100000}, .doc = "accepted steps", .min = 1.0, .max = 1e9},
     {.name = "end", .value = 1.0, .doc = "time at the end; the start is 0", .min = 1e-9},
     {.name = "checkpoint_steps",
@@ -134,6 +134,9 @@ Input read_input(const Config& config, double diameter) {
                .first_step = p.number("first_step"),
                .smallest_step = p.number("smallest_step"),
                .max_steps = static_cast<int>(p.integer("max_steps"))};
+  if (input.ode.smallest_step > input.ode.first_step) {
+    config.root().at("integrator").fail("the smallest step is longer than the first one");
+  }
   input.checkpoint_steps = static_cast<int>(p.integer("checkpoint_steps"));
   const Parameters trajectory = section(config, "trajectory", kTrajectoryParameters);
   input.frames = trajectory.integer("frames");
@@ -183,7 +186,8 @@ std::vector<Metric> own_metrics() {
       {{"drift", "handle drift"},
        "largest distance of integrated handles from their paths before it was removed, by the diameter"},
       {{"handle_error"}, "largest distance of a handle from its path in the result, also of soft ones"},
-      {{"handle_turn"}, "degrees that the first moving handle turned, summed over frames"},
+      {{"handle_turn"},
+       "degrees that the first moving handle turned, summed over frames, which must be less than half a turn apart"},
       {{"energy_rate"}, "regularized energy of the velocities at the end"},
       {{"nnz_per_row", "non-zeros/row"}, "of the matrix that is factorized, both triangles"},
       {{"condition"}, "with measure.condition: condition number of the eliminated matrix at the start"},
