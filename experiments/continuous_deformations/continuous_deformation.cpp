@@ -525,8 +525,15 @@ PointResult run(const Config& config, const Workspace& workspace) {
     carry = apply_material(root.at("energy"), material, domain, input.norm.gradient, energy);
     if (input.norm.gradient) input.norm.options.beta = smoothing_beta(*energy, domain, input.norm.alpha);
   }
-  root.at("energy").at("type").located([&] { return energy->traits(domain); });
-  const std::vector<Handle> handles = load_handles(tables(config, "handle"), loaded, {0.0, input.end});
+  const EnergyTraits traits = root.at("energy").at("type").located([&] { return energy->traits(domain); });
+  const std::vector<ConfigNode> handle_tables = tables(config, "handle");
+  const std::vector<Handle> handles = load_handles(handle_tables, loaded, {0.0, input.end});
+  for (std::size_t k = 0; k < handles.size(); ++k) {
+    const auto& held = handles[k].held;
+    if (std::all_of(held.begin(), held.begin() + domain.ambient_dimension(), [](bool h) { return h; })) continue;
+    if (input.soft_weight > 0.0) handle_tables[k].at("held").fail("soft handles hold all components");
+    if (traits.columns > 1) handle_tables[k].at("held").fail("this energy solves for each coordinate separately");
+  }
 
   PointResult result;
   result.warnings = loaded.warnings;
