@@ -30,16 +30,20 @@ Domain tetrahedral(Index cells) {
   return Domain(bar_tet_mesh(2.0, 1.0, 1.0, h, 0.1));
 }
 
+// A closed surface of 20 n^2 triangles.
+Domain surface(Index cells) { return Domain(sphere_mesh(1.0, 1.107 / std::sqrt(static_cast<double>(cells) / 20.0))); }
+
 // One end is held, the other one moves sideways.
 std::vector<Handle> handles_of(const Domain& domain) {
   const Matrix& X = domain.positions();
   const double low = X.col(0).minCoeff();
   const double high = X.col(0).maxCoeff();
+  const double margin = domain.kind() == DomainKind::surface ? 0.1 * (high - low) : 1e-9;
   Handle fixed{.name = "fixed"};
   Handle moved{.name = "moved"};
   for (Index v = 0; v < domain.vertex_count(); ++v) {
-    if (X(v, 0) < low + 1e-9) fixed.vertices.push_back(v);
-    if (X(v, 0) > high - 1e-9) moved.vertices.push_back(v);
+    if (X(v, 0) < low + margin) fixed.vertices.push_back(v);
+    if (X(v, 0) > high - margin) moved.vertices.push_back(v);
   }
   SpacePoint velocity = SpacePoint::Zero(domain.ambient_dimension());
   velocity[1] = 0.5;
@@ -48,9 +52,9 @@ std::vector<Handle> handles_of(const Domain& domain) {
 }
 
 // Time of the benchmark: one step of the third-order multistep method, two evaluations.
-void step(benchmark::State& state, const std::string& name, bool tetrahedra) {
+void step(benchmark::State& state, const std::string& name, Domain (*make)(Index)) {
   const auto cells = static_cast<Index>(state.range(0));
-  const Domain domain = tetrahedra ? tetrahedral(cells) : planar(cells);
+  const Domain domain = make(cells);
   const EnergyEntry& entry = energies().find(name);
   const auto energy = entry.make(Parameters(entry.parameters));
   const NormOptions norm{.beta = state.range(1) / 100.0};
@@ -102,8 +106,10 @@ void sizes(benchmark::internal::Benchmark* benchmark) {
   for (const Index cells : {10000, 50000, 200000}) benchmark->Args({cells, 0})->Args({cells, 30});
 }
 
-BENCHMARK_CAPTURE(step, planar_metr, "metr", false)->Apply(sizes);
-BENCHMARK_CAPTURE(step, tetrahedral_metr, "metr", true)->Apply(sizes);
+BENCHMARK_CAPTURE(step, planar_metr, "metr", planar)->Apply(sizes);
+BENCHMARK_CAPTURE(step, tetrahedral_metr, "metr", tetrahedral)->Apply(sizes);
+
+BENCHMARK_CAPTURE(step, surface_near_isometric, "near_isometric", surface)->Apply(sizes);
 
 }  // namespace
 }  // namespace variform::benchmarks

@@ -117,6 +117,7 @@ std::vector<Metric> metrics() {
       {{"descriptor_ratio"}, "mean stiffness descriptor of the first [[segment]] by that of the last"},
       {{"segments"}, "chosen number of segments"},
       {{"agreement"}, "share of the vertices in [[segment]] tables that the segments match"},
+      {{"agreement_known"}, "the same with as many segments as there are [[segment]] tables"},
       {{"seconds_total", "total", "s"}, "of the point"}};
   for (int i = 1; i <= kShown; ++i) all.push_back({{fmt::format("lambda_{}", i)}, "eigenvalue"});
   return all;
@@ -242,6 +243,9 @@ PointResult run(const Config& config) {
     const std::vector<int>& labels = parts.labels[static_cast<std::size_t>(parts.segments - 2)];
     row.set("segments", static_cast<std::int64_t>(parts.segments));
     if (tables > 0) row.set("agreement", agreement(labels, reference));
+    if (tables >= 2 && tables - 2 < static_cast<int>(parts.labels.size())) {
+      row.set("agreement_known", agreement(parts.labels[static_cast<std::size_t>(tables - 2)], reference));
+    }
     Vector values(domain.vertex_count());
     for (Index v = 0; v < domain.vertex_count(); ++v) values[v] = labels[static_cast<std::size_t>(v)];
     picture("segments", domain.positions(), values, "segment");
