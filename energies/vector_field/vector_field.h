@@ -92,8 +92,8 @@ class VectorFieldEnergy final : public CellEnergy {
   const Vector& parameter() const { return parameter_; }
   const Matrix& tensors() const { return tensors_; }
   Smoothness smoothness() const { return smoothness_; }
-  /// Of cell t in dimension p.
-  VectorFieldWeights weights_at(Index t, int p) const { return weights(t, trace(t, p)); }
+  /// Of an isotropic material in dimension p (of the first cell where they differ).
+  VectorFieldWeights isotropic_weights(int p) const { return weights(0, p); }
 
   /// Throws UsageError when sizes do not fit the domain, or phi exceeds largest_phi there, naming the cell.
   EnergyTraits traits(const Domain& domain) const override;

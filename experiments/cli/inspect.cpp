@@ -174,25 +174,25 @@ ExitCode list(const std::string& what) {
   if (wanted("backends")) {
     fmt::print("linear backends ([solver] linear)\n");
     for (const LinearBackendEntry& e : linear_backends().entries()) {
-      fmt::print("  {:<22}{}{}\n", e.name, e.doc,
+      fmt::print("  {:<23} {}{}\n", e.name, e.doc,
                  e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
       list_parameters(e.parameters);
     }
     fmt::print("nonlinear backends ([solver] nonlinear)\n");
     for (const NonlinearBackendEntry& e : nonlinear_backends().entries()) {
-      fmt::print("  {:<22}{}{}\n", e.name, e.doc,
+      fmt::print("  {:<23} {}{}\n", e.name, e.doc,
                  e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
       list_parameters(e.parameters);
     }
     fmt::print("eigen backends (no config uses them yet)\n");
     for (const EigenBackendEntry& e : eigen_backends().entries()) {
-      fmt::print("  {:<22}{}{}\n", e.name, e.doc,
+      fmt::print("  {:<23} {}{}\n", e.name, e.doc,
                  e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
       list_parameters(e.parameters);
     }
     fmt::print("ODE backends\n");
     for (const OdeBackendEntry& e : ode_backends().entries()) {
-      fmt::print("  {:<22}{}{}\n", e.name, e.doc,
+      fmt::print("  {:<23} {}{}\n", e.name, e.doc,
                  e.available ? "" : fmt::format(" (not in this build: needs {})", e.package));
       list_parameters(e.parameters);
     }
@@ -200,12 +200,12 @@ ExitCode list(const std::string& what) {
   if (wanted("generators")) {
     fmt::print("generators ([domain] generator)\n");
     for (const GeneratorEntry& e : generators().entries()) {
-      fmt::print("  {:<22}{}\n", e.name, e.doc);
+      fmt::print("  {:<23} {}\n", e.name, e.doc);
       list_parameters(e.parameters);
     }
     fmt::print("changes of the mesh\n");
     for (const DomainModifier& e : domain_modifiers()) {
-      fmt::print("  {:<22}{}\n", fmt::format("[domain.{}]", e.name), e.doc);
+      fmt::print("  {:<23} {}\n", fmt::format("[domain.{}]", e.name), e.doc);
       list_parameters(e.parameters);
     }
   }
@@ -216,21 +216,21 @@ ExitCode list(const std::string& what) {
   if (wanted("pipelines") || wanted("metrics")) {
     fmt::print("pipelines\n");
     for (const PipelineEntry& e : pipelines().entries()) {
-      fmt::print("  {:<22}{}\n    sections: {}\n", e.name, e.doc, fmt::join(e.sections, ", "));
+      fmt::print("  {:<23} {}\n    sections: {}\n", e.name, e.doc, fmt::join(e.sections, ", "));
       for (const Section& section : e.parameters) {
         fmt::print("    [{}]\n", section.name);
         list_parameters(section.parameters);
       }
       if (!wanted("metrics")) continue;
       fmt::print("    metrics:\n");
-      for (const Metric& metric : e.metrics) fmt::print("      {:<20}{}\n", metric.column.key, metric.doc);
+      for (const Metric& metric : e.metrics) fmt::print("      {:<21} {}\n", metric.column.key, metric.doc);
     }
   }
   if (wanted("config")) {
     fmt::print("sections of every config\n");
     for (const ConfigSection& section : config_sections()) {
-      fmt::print("  {:<22}{}\n", section.header, section.doc);
-      for (const ConfigKey& key : section.keys) fmt::print("      {:<20}{}\n", key.name, key.doc);
+      fmt::print("  {:<23} {}\n", section.header, section.doc);
+      for (const ConfigKey& key : section.keys) fmt::print("      {:<21} {}\n", key.name, key.doc);
     }
   }
   return ExitCode::done;

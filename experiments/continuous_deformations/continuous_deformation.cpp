@@ -56,7 +56,7 @@ const std::vector<Parameter> kIntegratorParameters = {
      .doc = "first step by the interval; the step of euler and rk4",
      .min = 1e-9,
      .max = 1.0},
-    {.name = "smallest_step", .value = 1e-6, .doc = "by the interval", .min = 0.0, .max = 1.0},
+    {.name = "smallest_step", .value = 1e-6, .doc = "by the interval", .min = 1e-12, .max = 1.0},
     {.name = "max_steps", .value = std::int64_t{100000}, .doc = "accepted steps", .min = 1.0, .max = 1e9},
     {.name = "end", .value = 1.0, .doc = "time at the end; the start is 0", .min = 1e-9},
     {.name = "checkpoint_steps",
@@ -134,6 +134,9 @@ Input read_input(const Config& config, double diameter) {
                .first_step = p.number("first_step"),
                .smallest_step = p.number("smallest_step"),
                .max_steps = static_cast<int>(p.integer("max_steps"))};
+  if (input.ode.smallest_step > input.ode.first_step) {
+    config.root().at("integrator").fail("the smallest step is longer than the first one");
+  }
   input.checkpoint_steps = static_cast<int>(p.integer("checkpoint_steps"));
   const Parameters trajectory = section(config, "trajectory", kTrajectoryParameters);
   input.frames = trajectory.integer("frames");
@@ -173,24 +176,24 @@ std::vector<Metric> own_metrics() {
       {{"alpha"}, "smoothing of the energy's gradient, a length, for weights (sin phi, cos phi)"},
       {{"completed"}, "whether the end of the interval was reached"},
       {{"time_reached", "time reached"}, "of the interval"},
-      {{"event"}, "what ended the integration before: the cell that inverts"},
+      {{"event"}, "what ended the integration before: the cell that inverts, or the solve that fails"},
       {{"integrator"}, "ODE backend; single_step for maps"},
       {{"steps"}, "accepted"},
       {{"rejected"}, "steps rejected for their error"},
-      {{"refused"}, "steps refused because a cell inverts"},
+      {{"refused"}, "steps refused because a cell inverts or a solve fails"},
       {{"evaluations"}, "of the velocity field: assemblies, factorizations, solves"},
       {{"evaluations_per_step", "evaluations/step"}, "evaluations by accepted steps"},
       {{"drift", "handle drift"},
        "largest distance of integrated handles from their paths before it was removed, by the diameter"},
       {{"handle_error"}, "largest distance of a handle from its path in the result, also of soft ones"},
-      {{"handle_turn"}, "degrees that the first moving handle turned, summed over frames"},
-      {{"energy_rate"}, "regularized energy of the velocities at the end"},
+      {{"handle_turn"},
+       "degrees that the first moving handle turned, summed over frames, which must be less than half a turn apart"},
       {{"nnz_per_row", "non-zeros/row"}, "of the matrix that is factorized, both triangles"},
       {{"condition"}, "with measure.condition: condition number of the eliminated matrix at the start"},
       {{"seconds_t1", "t1", "s"}, "symbolic analysis and patterns"},
       {{"seconds_t2", "t2", "s"}, "of an evaluation: geometry, operators, assembly"},
       {{"seconds_t3", "t3", "s"}, "of an evaluation: numeric factorization and solve"},
-      {{"seconds_t1_by_t3", "t1/t3"}, "how many solves the analysis takes as long as"}};
+      {{"seconds_t1_by_t3", "t1/t3"}, "how many evaluations the analysis costs"}};
   all.insert(all.end(), flow.begin(), flow.end());
   return all;
 }
@@ -460,11 +463,11 @@ void run_continuous(const Config& config, const Scene& scene, Energy& energy, co
     Vector ignored(flow.size());
     flow.velocity(report.time, end, ignored);
     const EnergyValue energy_now = flow.energy();
-    row.set("energy_rate", energy_now.total);
     row.set("energy", energy_now.plain);
     row.set("energy_R", energy_now.variation);
     row.set("energy_W", energy_now.total);
-  } catch (const StepRefused&) {  // a rest shape may be refused, and the end of a step of a method that does not ask
+  } catch (const StepRefused&) {
+    // A shape that an event left without velocities has no energy.
   }
   if (input.measure.condition) row.set("condition", condition);
   const LinearReport& linear = solver.linear->report();
@@ -503,9 +506,8 @@ void check(const Config& config) {
   const std::vector<ConfigNode> materials = tables(config, "material");
   check_materials(materials);
   if (input.norm.gradient || !materials.empty()) check_has_material(type, *energy);
-  if (velocities) {
-    make_integrator(config, input.integrator);
-  } else if (input.soft_weight > 0.0 || input.boundary_diffusion) {
+  make_integrator(config, input.integrator);
+  if (!velocities && (input.soft_weight > 0.0 || input.boundary_diffusion)) {
     config.root().at("baseline").fail("is for energies of velocity fields");
   }
 }
@@ -524,8 +526,15 @@ PointResult run(const Config& config, const Workspace& workspace) {
     carry = apply_material(root.at("energy"), material, domain, input.norm.gradient, energy);
     if (input.norm.gradient) input.norm.options.beta = smoothing_beta(*energy, domain, input.norm.alpha);
   }
-  root.at("energy").at("type").located([&] { return energy->traits(domain); });
-  const std::vector<Handle> handles = load_handles(tables(config, "handle"), loaded, {0.0, input.end});
+  const EnergyTraits traits = root.at("energy").at("type").located([&] { return energy->traits(domain); });
+  const std::vector<ConfigNode> handle_tables = tables(config, "handle");
+  const std::vector<Handle> handles = load_handles(handle_tables, loaded, {0.0, input.end});
+  for (std::size_t k = 0; k < handles.size(); ++k) {
+    const auto& held = handles[k].held;
+    if (std::all_of(held.begin(), held.begin() + domain.ambient_dimension(), [](bool h) { return h; })) continue;
+    if (input.soft_weight > 0.0) handle_tables[k].at("held").fail("soft handles hold all components");
+    if (traits.columns > 1) handle_tables[k].at("held").fail("this energy solves for each coordinate separately");
+  }
 
   PointResult result;
   result.warnings = loaded.warnings;

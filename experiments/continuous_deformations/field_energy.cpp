@@ -86,6 +86,14 @@ std::vector<Metric> metrics() {
   return all;
 }
 
+std::vector<std::filesystem::path> inputs(const Config& config) {
+  std::vector<std::filesystem::path> files;
+  for (const ConfigNode& node : tessellations(config)) {
+    if (node.has("mesh")) files.push_back(find_input(node.at("mesh").string(), config.folder()));
+  }
+  return files;
+}
+
 }  // namespace
 
 PipelineEntry describe_field_energy() {
@@ -98,6 +106,7 @@ PipelineEntry describe_field_energy() {
           .metrics = metrics(),
           .figures = {},
           .run = run,
+          .inputs = inputs,
           .check = check};
 }
 

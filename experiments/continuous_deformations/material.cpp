@@ -145,7 +145,7 @@ std::function<void(const Matrix&)> apply_material(const ConfigNode& node, const 
 
 double smoothing_beta(const Energy& energy, const Domain& domain, double alpha) {
   const auto& field = dynamic_cast<const VectorFieldEnergy&>(energy);
-  const VectorFieldWeights weights = field.weights_at(0, domain.ambient_dimension());
+  const VectorFieldWeights weights = field.isotropic_weights(domain.ambient_dimension());
   return beta_from_alpha(alpha / std::hypot(weights.strain, weights.divergence));
 }
 

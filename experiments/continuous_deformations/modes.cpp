@@ -32,7 +32,7 @@ const std::vector<Parameter> kModesParameters = {
      .choices = {"edges", "similarity"}},
     {.name = "shown",
      .value = std::int64_t{6},
-     .doc = "first mode beyond the rigid ones that figures show",
+     .doc = "which mode beyond the zero modes the figure shows",
      .min = 1.0}};
 
 const std::vector<Parameter> kNormParameters = {

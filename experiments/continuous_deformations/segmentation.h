@@ -26,7 +26,7 @@ enum class SegmentGraph {
 /// Partitions of the vertices by normalized cuts of a graph (Shi, Malik 2000), whose weights are exp(-|f_v - f_w|^2 /
 /// (2 s^2)) of features f, s^2 the mean of the squared difference of the vertices that it joins.
 struct Segmentation {
-  int segments = 0;                      ///< chosen: before the largest rise of the cut value
+  int segments = 0;                      ///< chosen: before the largest rise of the cut value; `most` may matter
   std::vector<double> cut;               ///< normalized cut of 2, 3, ... segments
   std::vector<std::vector<int>> labels;  ///< of each vertex, for 2, 3, ... segments
 };

@@ -59,6 +59,11 @@ DeformationFlow::DeformationFlow(const Domain& rest, const Energy& energy, const
   if (traits.dimension() != rest.ambient_dimension() || traits.state != StateDependence::none) {
     throw UsageError("deformation flow: the energy is not one of velocities of the vertices");
   }
+  for (const Term& term : problem_.terms()) {
+    if (!term.form.stacked_targets().isZero(0.0)) {
+      throw UsageError("deformation flow: the energy is not zero for velocities of zero: it is one of maps");
+    }
+  }
   if (!(options_.soft_weight >= 0.0) || std::isinf(options_.soft_weight)) {
     throw UsageError(
         fmt::format("deformation flow: weight {} of soft handles must not be negative", options_.soft_weight));
@@ -212,7 +217,10 @@ void DeformationFlow::velocity(double t, const Vector& y, Vector& dy) {
     // The rest shape has a solution or none. Of one that moved, cells as thin as rounding make the matrix singular: a
     // shorter step may avoid them.
     if ((positions_ - rest_.positions()).cwiseAbs().maxCoeff() <= kAtRest * rest_.diameter()) throw;
-    throw StepRefused(error.what());
+    Index thinnest = 0;
+    domain_.cell_measures().cwiseQuotient(rest_.cell_measures()).minCoeff(&thinnest);
+    throw StepRefused(fmt::format("no velocities where cell {} has {:.2g} of its measure: {}", thinnest,
+                                  domain_.cell_measures()[thinnest] / rest_.cell_measures()[thinnest], error.what()));
   }
   dy = Eigen::Map<const Vector>(velocities_.data(), velocities_.size());
 }

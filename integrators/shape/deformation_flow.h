@@ -46,7 +46,8 @@ class DeformationFlow final : public OdeField {
   /// Diameter of the rest shape.
   double length_scale() const override { return rest_.diameter(); }
 
-  /// Throws StepRefused naming a cell that is inverted or, in a surface, collapses.
+  /// Throws StepRefused naming a cell that is inverted or, in a surface, collapses, or with what the linear backend
+  /// says of a moved shape whose matrix it cannot solve; of the rest shape that is a SolverError.
   void velocity(double t, const Vector& y, Vector& dy) override;
   std::string refusal(double t, const Vector& y) override;
   double project(double t, Vector& y) override;

@@ -276,7 +276,7 @@ TEST(Claim, ReadingNamesThePlaceOfWhatMakesNoSense) {
   EXPECT_THAT(reading_error("metric = 'm'\nis = 'increasing'\nalong = 'x'\nquantifier = 'any'"),
               HasSubstr("key 'quantifier'"));
   EXPECT_THAT(reading_error("metric = 'm'\nis = '> 0'\nalong = 'x'"), HasSubstr("key 'along'"));
-  EXPECT_THAT(reading_error("metric = 'm'\nis = '> 0'\nquantifier = 'some'"), HasSubstr("expected \"all\" or \"any\""));
+  EXPECT_THAT(reading_error("metric = 'm'\nis = '> 0'\nquantifier = 'some'"), HasSubstr("expected \"all\", \"any\" or \"median\""));
   EXPECT_THAT(reading_error("metric = 'm'\nis = '> 0'\ntolerance = -1"), HasSubstr("key 'tolerance'"));
   EXPECT_THAT(reading_error("metric = 'm'\nis = '> 0'\nwher = 'x > 0'"), HasSubstr("key 'wher': unknown key"));
 }

@@ -541,7 +541,7 @@ class Exhausted final : public LinearBackend {
  private:
   void do_analyze() override {}
   void do_factorize() override { throw std::bad_alloc(); }
-  Eigen::MatrixXd do_solve(const Eigen::MatrixXd& B) override { return B; }
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override { X = B; }
 };
 
 TEST(LinearBackend, ALackOfMemoryIsToldFromAFailure) {

@@ -103,7 +103,7 @@ TEST(ContinuousDeformation, TheLiftedStripHasTheReferenceErrors) {
     }
     EXPECT_EQ(number(result, "flipped"), 0.0);
     EXPECT_EQ(number(result, "completed"), 1.0);
-    EXPECT_EQ(number(result, "analyses"), 1.0);
+    EXPECT_LE(number(result, "analyses"), 2.0) << "entries that cancel at rest come";
     EXPECT_LT(number(result, "evaluations_per_step"), 3.3);
   }
 }
@@ -272,6 +272,8 @@ TEST(ContinuousDeformation, WrongConfigsAreToldWithTheirPlace) {
            Bad{good + left + right + "[integrator]\ntype = \"abm4\"\n", "study.toml:14", "abm4"},
            Bad{good + left + right + "[integrator]\ntolerance = 0.0\n", "study.toml:14", "tolerance"},
            Bad{good + left + right + "[integrator]\nend = nan\n", "study.toml:14", "end"},
+           Bad{good + left + right + "[integrator]\nsmallest_step = 0.0\n", "study.toml:14", "smallest_step"},
+           Bad{good + left + right + "[integrator]\nsmallest_step = 0.1\n", "study.toml:13", "longer than the first"},
            Bad{good + left + right + "[integrator.options]\nuncontrolled = true\n", "study.toml:14", "uncontrolled"},
            Bad{good + left + right + "[measure]\nregion = [0.0, 0.0, 1.0]\n", "study.toml:14", "expected 4 numbers"},
            Bad{good + left + right + "[measure]\nregion = [9.0, 0.0, 9.5, 1.0]\n", "study.toml:14", "no cell"},
@@ -284,8 +286,12 @@ TEST(ContinuousDeformation, WrongConfigsAreToldWithTheirPlace) {
            Bad{good + left + left + right, "study.toml", "no error"},
            Bad{good + left + right + "[[handle]]\nselect = { near = [4.0, 0.5] }\nfixed = true\n", "study.toml:13",
                "move it differently"},
-           Bad{good + left + "[[handle]]\nselect = { box = [8.0, 0.0, 9.0, 1.0] }\nfixed = true\n", "study.toml:10",
-               ""},
+           Bad{good + left + "[[handle]]\nselect = { box = [8.0, 0.0, 9.0, 1.0] }\nfixed = true\n", "study.toml:11",
+               "no vertex"},
+           Bad{good + left + "held = [\"x\"]\n" + right + "[baseline]\nsoft_weight = 1.0\n", "study.toml:10",
+               "hold all components"},
+           Bad{strip + "[energy]\ntype = \"arap\"\n" + left + "held = [\"x\"]\n" + right, "study.toml:10",
+               "each coordinate separately"},
            Bad{good, "continuous_deformation", "[[handle]]"},
            Bad{good + "[[handle]]\nselect = { near = [0.0, 0.0] }\nfixed = true\n", "", "constrained"},
            Bad{sheet + rim + "[norm]\nfacet_weight = \"big\"\n", "study.toml:10", "big"},
@@ -331,12 +337,15 @@ INSTANTIATE_TEST_SUITE_P(ContinuousDeformation, Resumed,
 TEST_P(Resumed, GivesTheNumbersOfARunThatWasNotInterrupted) {
   if (!ode_backends().find(GetParam()).available) GTEST_SKIP();
   const TemporaryFolder folder;
-  const std::string type = "type = \"" + GetParam() + "\"\ntolerance = 1e-6\ncheckpoint_steps = 3\n";
+  // Few checkpoints for the method that loses its order at each.
+  const std::string rest = GetParam() == "cvode.adams" ? "tolerance = 1e-5\ncheckpoint_steps = 15\n"
+                                                       : "tolerance = 1e-7\ncheckpoint_steps = 3\n";
+  const std::string type = "type = \"" + GetParam() + "\"\n" + rest;
   const std::string frames = "[trajectory]\nframes = 7\n";
   const PointResult whole = deform(turn(type, frames), Workspace(folder / "whole", "key", false));
   const double steps = number(whole, "steps");
   ASSERT_GT(steps, 9.0);
-  for (const int at : {4, static_cast<int>(steps) - 1}) {
+  for (const int at : {GetParam() == "cvode.adams" ? 20 : 4, static_cast<int>(steps) - 1}) {
     const std::filesystem::path file = folder / ("part" + std::to_string(at));
     // The first run ends after some steps; what it saved last is of a step before.
     const PointResult part =
@@ -369,7 +378,7 @@ TEST(Modes, AFreeSurfaceHasSixOfNoEnergyTheRigidMotions) {
   EXPECT_EQ(number(result, "zero_modes"), 6.0);
   EXPECT_LT(number(result, "rigid_residual"), 1e-8);
   EXPECT_GT(number(result, "gap"), 1e-8);
-  EXPECT_LT(number(result, "eigen_residual"), 1e-8);
+  EXPECT_LT(number(result, "eigen_residual"), 1e-6);
   for (int i = 2; i <= 12; ++i) {
     const double bound = 1e-10 * number(result, "lambda_max");
     EXPECT_GE(number(result, fmt::format("lambda_{}", i)), number(result, fmt::format("lambda_{}", i - 1)) - bound);
@@ -415,7 +424,7 @@ TEST(Modes, SegmentsOfADumbbellAreItsParts) {
   const TemporaryFolder folder;
   write_mesh(folder / "dumbbell.obj", dumbbell());
   const std::string domain = "[domain]\nmesh = \"" + (folder / "dumbbell.obj").string() + "\"\n";
-  const std::string rest = "[energy]\ntype = \"akvf\"\n[modes]\ncount = 12\nsegments = 6\n";
+  const std::string rest = "[energy]\ntype = \"akvf\"\n[modes]\ncount = 7\nsegments = 4\ngraph = \"edges\"\n";
   const std::string lumps =
       "[[segment]]\nregion = [-0.01, -0.01, 0.99, 1.01]\n[[segment]]\nregion = [2.01, -0.01, 3.01, 1.01]\n";
   const PointResult result = run("modes", domain + rest + lumps);
@@ -425,7 +434,7 @@ TEST(Modes, SegmentsOfADumbbellAreItsParts) {
   EXPECT_GT(number(result, "agreement"), 0.9);
   EXPECT_NEAR(number(result, "descriptor_ratio"), 1.0, 0.05) << "mirror symmetric but for diagonals";
   ASSERT_THAT(result.history, SizeIs(1));
-  EXPECT_THAT(result.history.front().x, ::testing::ElementsAre(2.0, 3.0, 4.0, 5.0, 6.0));
+  EXPECT_THAT(result.history.front().x, ::testing::ElementsAre(2.0, 3.0, 4.0));
   const auto error = [&](const std::string& more) { return error_of("modes", domain + more); };
   EXPECT_THAT(error(rest + "[[segment]]\nregion = [8.0, 8.0, 9.0, 9.0]\n"), HasSubstr("no vertex"));
   EXPECT_THAT(error(rest + "[[segment]]\nregion = [8.0, 8.0, 9.0]\n"), HasSubstr("expected 4 numbers"));

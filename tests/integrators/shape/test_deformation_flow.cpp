@@ -466,6 +466,38 @@ TEST(DeformationFlow, SolvesThatFailAreErrorsAtRestAndRefuseStepsLater) {
   }
 }
 
+// Asking twice gives the same answer, and good states are good again afterwards.
+TEST(DeformationFlow, WhatIsRefusedStaysRefused) {
+  for (const Domain& domain : {plane(), solid(), sheet({.h = 0.25})}) {
+    SCOPED_TRACE(to_string(domain.kind()));
+    const auto energy = make(domain.kind() == DomainKind::surface ? "near_isometric" : "akvf");
+    const auto backend = make_linear_backend("auto");
+    DeformationFlow flow(domain, *energy, {.beta = 0.2}, {{.vertices = scattered(domain, 5)}}, 0.0, *backend);
+    // The first cell with a free corner, that corner drawn to the middle of the others.
+    std::vector<bool> held(static_cast<std::size_t>(domain.vertex_count()), false);
+    for (const Index v : scattered(domain, 5)) held[static_cast<std::size_t>(v)] = true;
+    Index t = 0;
+    while (held[static_cast<std::size_t>(domain.cells()(t, 0))]) ++t;
+    Matrix X = domain.positions();
+    X.row(domain.cells()(t, 0)).setZero();
+    for (int i = 1; i < domain.cell_size(); ++i) {
+      X.row(domain.cells()(t, 0)) += domain.positions().row(domain.cells()(t, i)) / (domain.cell_size() - 1);
+    }
+    Vector dy(flow.size());
+    for (int k = 0; k < 2; ++k) {
+      EXPECT_THAT(flow.refusal(0.5, state(X)), HasSubstr("cell"));
+      EXPECT_THROW(flow.velocity(0.5, state(X), dy), StepRefused);
+    }
+    EXPECT_EQ(flow.refusal(0.5, flow.rest_state()), "");
+    EXPECT_NO_THROW(flow.velocity(0.5, flow.rest_state(), dy));
+    Vector y = flow.rest_state();
+    Index free = 0;
+    while (held[static_cast<std::size_t>(free)]) ++free;
+    y[free * flow.point_size()] = std::nan("");
+    EXPECT_THAT(flow.refusal(0.5, y), HasSubstr("not finite"));
+  }
+}
+
 TEST(DeformationFlow, SoftHandlesPullAndHardOnesAreTheirLimit) {
   const Domain domain = plane();
   const auto metr = make("metr");
