@@ -42,7 +42,8 @@ int main_checked(int argc, char** argv) {
         ->check(CLI::PositiveNumber);
     command->add_option("--memory-limit", arguments.limits.memory_mib, "MiB of memory that a point may take")
         ->check(CLI::PositiveNumber);
-    command->add_flag("--resume", arguments.resume, "take finished points of an earlier run in the same folder");
+    command->add_flag("--resume", arguments.resume,
+                      "take finished points of an earlier run in the same folder, go on with unfinished ones");
     command->add_flag("--no-figures", arguments.no_figures, "no pictures");
     command->add_flag("--quiet", arguments.quiet, "no progress and no table");
   };

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -23,6 +24,9 @@ std::vector<double> phi_of(const ConfigNode& node) {
   const ConfigNode phi = node.at("phi");
   const std::vector<double> values = phi.value().is_array() ? phi.numbers() : std::vector<double>{phi.number()};
   if (values.size() != 1 && values.size() != 2) phi.fail("expected a number or [low, high]");
+  if (!std::all_of(values.begin(), values.end(), [](double x) { return std::isfinite(x); })) {
+    phi.fail("expected finite numbers");
+  }
   return values;
 }
 

@@ -79,6 +79,7 @@ void measure_region(const Domain& domain, const CellDistortion& cells, const std
     largest = std::max(largest, cells.metric[t]);
   }
   row.set("region_area_ratio", now / rest);
+  row.set("region_area_change", std::abs(now / rest - 1.0));
   for (const auto& [name, sum] : sums) row.set("region_E_" + name, sum / rest);
   row.set("region_E_metr_max", largest);
 }
@@ -288,8 +289,10 @@ std::vector<Metric> measured_metrics() {
           {{"tangential"}, "largest displacement orthogonal to measure.direction"},
           {{"asymmetry"}, "largest distance of a vertex from the mirror image of its partner, see measure.mirror"},
           {{"line_stretch"}, "length of measure.line by that at rest"},
+          {{"line_change"}, "how far that is from 1"},
           {{"line_turn"}, "degrees that measure.line turns about measure.axis from its start to its end"},
           {{"region_area_ratio"}, "signed measure of measure.region by that at rest"},
+          {{"region_area_change"}, "how far that is from 1"},
           {{"region_E_isom"}, "as E_isom, of measure.region"},
           {{"region_E_conf"}, "as E_conf, of measure.region"},
           {{"region_E_auth"}, "as E_auth, of measure.region"},
@@ -334,7 +337,9 @@ void measure(const Domain& domain, const std::vector<Handle>& handles, const Mat
   if (!choice.mirror.empty()) row.set("asymmetry", asymmetry(domain, X, coordinate(choice.mirror)));
   if (!choice.line.empty()) {
     const std::vector<Index> path = vertices_on(domain, choice.line);
-    row.set("line_stretch", length_of(X, path) / length_of(domain.positions(), path));
+    const double stretch = length_of(X, path) / length_of(domain.positions(), path);
+    row.set("line_stretch", stretch);
+    row.set("line_change", std::abs(stretch - 1.0));
     if (!choice.axis.empty()) {
       const Eigen::Vector3d axis = in_space(choice.axis, 0, 3);
       const Eigen::Vector3d about = choice.about.empty() ? Eigen::Vector3d::Zero() : in_space(choice.about, 0, 3);

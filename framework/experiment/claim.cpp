@@ -85,9 +85,13 @@ std::string group_of(const Row& row, const std::vector<std::string>& swept, cons
   return group;
 }
 
+// A minimization that did not converge, or an integration that did not reach the end.
 bool is_unconverged(const Row& row) {
-  const Value* converged = row.find("converged");
-  return converged != nullptr && std::holds_alternative<bool>(*converged) && !std::get<bool>(*converged);
+  const auto is_false = [&row](const char* key) {
+    const Value* value = row.find(key);
+    return value != nullptr && std::holds_alternative<bool>(*value) && !std::get<bool>(*value);
+  };
+  return is_false("converged") || is_false("completed");
 }
 
 std::string range_text(const std::vector<double>& values) {

@@ -145,8 +145,8 @@ class LinearBackend {
   LinearReport& mutable_report() { return report_; }
 
  private:
-  /// Runs one phase and returns its seconds. Failures are noted in the report; whatever is not an Error (no memory, as
-  /// a rule) becomes a SolverError.
+  /// Runs one phase and returns its seconds. Failures are noted in the report; what is not an Error becomes a
+  /// SolverError, but std::bad_alloc.
   template <class Phase>
   double run(const Phase& phase);
   void check_update(const std::string& what) const;

@@ -54,7 +54,7 @@ class Abm3 final : public OdeBackend {
   }
 
   void save(std::vector<Vector>& memory) const override {
-    memory.push_back(Eigen::Vector3d(known_, past_[0].time, past_[1].time));
+    memory.emplace_back(Eigen::Vector3d(known_, past_[0].time, past_[1].time));
     for (int i = 0; i < known_; ++i) memory.push_back(past_[static_cast<std::size_t>(i)].velocity);
   }
 

@@ -17,6 +17,8 @@ namespace {
 
 // A triangle in space with 2 area / (longest edge)^2 below this has collapsed: no side of it is the wrong one.
 constexpr double kCollapsed = 1e-10;
+// By the diameter: at the first evaluation handles have moved by the rounding of times.
+constexpr double kAtRest = 1e-12;
 
 using Positions = Eigen::Map<const Matrix>;
 
@@ -207,28 +209,30 @@ void DeformationFlow::velocity(double t, const Vector& y, Vector& dy) {
   if (carry) carry(positions_);
   refresh_handle_velocities(t);
   geometry_seconds_ += watch.seconds();
-  problem_.refresh_operator();
   try {
+    problem_.refresh_operator();
     problem_.solve(backend_, velocities_);
+    if (continuation_) continue_inside();
   } catch (const SolverError& error) {
     // The rest shape has a solution or none. Of one that moved, cells as thin as rounding make the matrix singular: a
     // shorter step may avoid them.
-    if (positions_ == rest_.positions()) throw;
+    if ((positions_ - rest_.positions()).cwiseAbs().maxCoeff() <= kAtRest * rest_.diameter()) throw;
     Index thinnest = 0;
     domain_.cell_measures().cwiseQuotient(rest_.cell_measures()).minCoeff(&thinnest);
     throw StepRefused(fmt::format("no velocities where cell {} has {:.2g} of its measure: {}", thinnest,
                                   domain_.cell_measures()[thinnest] / rest_.cell_measures()[thinnest], error.what()));
   }
-  if (continuation_) {
-    Index row = 0;
-    for (Index v = 0; v < rest_.vertex_count(); ++v) {
-      if (rest_.boundary_vertices()[v]) boundary_velocities_.row(row++) = velocities_.row(v);
-    }
-    continuation_->set_fixed_values(boundary_velocities_);
-    continuation_->refresh_operator();
-    continuation_->solve(*options_.continuation_backend, velocities_);
-  }
   dy = Eigen::Map<const Vector>(velocities_.data(), velocities_.size());
+}
+
+void DeformationFlow::continue_inside() {
+  Index row = 0;
+  for (Index v = 0; v < rest_.vertex_count(); ++v) {
+    if (rest_.boundary_vertices()[v]) boundary_velocities_.row(row++) = velocities_.row(v);
+  }
+  continuation_->set_fixed_values(boundary_velocities_);
+  continuation_->refresh_operator();
+  continuation_->solve(*options_.continuation_backend, velocities_);
 }
 
 std::string DeformationFlow::refusal(double t, const Vector& y) {

@@ -96,6 +96,8 @@ class DeformationFlow final : public OdeField {
   // The domain at positions y. Throws StepRefused.
   void place(double t, const Vector& y);
   void refresh_handle_velocities(double t);
+  // Velocities inside from those on the boundary.
+  void continue_inside();
 
   const Domain& rest_;
   Domain domain_;  // the current shape

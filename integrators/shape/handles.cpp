@@ -373,7 +373,7 @@ class LinearField final : public IntervalMotion {
         throw UsageError(fmt::format("A is {} x {}, expected {} x {}", a.rows(), a.cols(), dimension, dimension));
       }
       if (!a.allFinite()) throw UsageError("A: expected finite numbers");
-      A_.push_back(a);
+      A_.emplace_back(a);
     }
     for (const SpacePoint& v : b) {
       require_finite(v, "b");

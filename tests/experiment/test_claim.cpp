@@ -281,5 +281,13 @@ TEST(Claim, ReadingNamesThePlaceOfWhatMakesNoSense) {
   EXPECT_THAT(reading_error("metric = 'm'\nis = '> 0'\nwher = 'x > 0'"), HasSubstr("key 'wher': unknown key"));
 }
 
+TEST(Claim, AnIntegrationThatEndedEarlyCountsAsNotConverged) {
+  const std::vector<Row> rows = {row_of({{"type", std::string("a")}, {"E", 1.0}, {"completed", true}}),
+                                 row_of({{"type", std::string("b")}, {"E", 2.0}, {"completed", false}})};
+  const Verdict verdict = decide(claim_of("metric = 'E'\nis = '> 0'"), rows, {"type"});
+  EXPECT_EQ(verdict.outcome, kHolds);
+  EXPECT_THAT(verdict.ours, HasSubstr("1 not converged"));
+}
+
 }  // namespace
 }  // namespace variform

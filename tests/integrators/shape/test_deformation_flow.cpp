@@ -417,6 +417,55 @@ TEST(DeformationFlow, ATriangleInSpaceThatCollapsesEndsItWithItsName) {
   expect_event(flat, point({0.25, 0.0, 0.0}), 0.999, 1.0, "collapses");
 }
 
+// Solves nothing after a number of factorizations.
+class Failing final : public LinearBackend {
+ public:
+  explicit Failing(int good) : LinearBackend("failing"), good_(good) {}
+  LinearCapabilities capabilities() const override { return plain_.capabilities(); }
+
+ private:
+  void do_analyze() override { plain_.analyze(matrix(), kind()); }
+  void do_factorize() override {
+    if (good_-- <= 0) fail("cannot");
+    plain_.factorize(matrix(), kind());
+  }
+  void do_solve(const Eigen::MatrixXd& B, Eigen::MatrixXd& X) override { plain_.solve(B, X); }
+
+  int good_;
+  testing::PlainLdlt plain_;
+};
+
+TEST(DeformationFlow, SolvesThatFailAreErrorsAtRestAndRefuseStepsLater) {
+  // Handles at the origin: at the first evaluation, inside the interval by the rounding of times, they have moved.
+  const Domain domain = plane();
+  const std::vector<Handle> handles = {
+      {.vertices = vertices_where(domain, [](const auto& x) { return x[0] < 1e-9; }),
+       .motion = translate(point({0.1, 0.3}), {0.0, 1.0})},
+      {.vertices = vertices_where(domain, [](const auto& x) { return x[0] > 2.0 - 1e-9; })}};
+  const auto energy = make("akvf");
+  for (const bool continued : {false, true}) {
+    SCOPED_TRACE(continued);
+    const auto dirichlet = make_poisson(Eigen::MatrixXd(Eigen::MatrixXd::Zero(2, 2)));
+    const auto integrate = [&](int good) {
+      Failing failing(good);
+      testing::PlainLdlt other;
+      LinearBackend& velocities = continued ? static_cast<LinearBackend&>(other) : failing;
+      DeformationFlow flow(domain, *energy, {}, handles, 0.0, velocities,
+                           {.continued_by = continued ? dirichlet.get() : nullptr,
+                            .continuation_backend = continued ? &failing : nullptr});
+      const auto ode = make_ode_backend("rk4");
+      ode->integrate(flow, flow.rest_state(), 0.0, 1.0, {.first_step = 0.25, .smallest_step = 0.01});
+      return ode->report();
+    };
+    EXPECT_THROW(integrate(0), SolverError);
+    const OdeReport report = integrate(7);
+    EXPECT_FALSE(report.completed);
+    EXPECT_THAT(report.event, HasSubstr("cannot"));
+    EXPECT_EQ(report.steps, 1);
+    EXPECT_GT(report.refused, 1);
+  }
+}
+
 // Asking twice gives the same answer, and good states are good again afterwards.
 TEST(DeformationFlow, WhatIsRefusedStaysRefused) {
   for (const Domain& domain : {plane(), solid(), sheet({.h = 0.25})}) {
