@@ -267,7 +267,7 @@ TEST(ContinuousDeformation, WrongConfigsAreToldWithTheirPlace) {
            Bad{good + left + right + "[[material]]\nphi = 1.0\n", "study.toml:5", "needs type = \"phi\""},
            Bad{strip + "[energy]\ntype = \"phi\"\n" + left + right + "[[material]]\nphi = 3.0\n", "study.toml:5",
                "cell"},
-           Bad{strip + "[energy]\ntype = \"phi\"\n" + left + right + "[[material]]\nphi = nan\n", "study.toml:13",
+           Bad{strip + "[energy]\ntype = \"phi\"\n" + left + right + "[[material]]\nphi = nan\n", "study.toml:14",
                "finite"},
            Bad{good + left + right + "[integrator]\ntype = \"abm4\"\n", "study.toml:14", "abm4"},
            Bad{good + left + right + "[integrator]\ntolerance = 0.0\n", "study.toml:14", "tolerance"},
