@@ -64,7 +64,7 @@ DeformationFlow::DeformationFlow(const Domain& rest, const Energy& energy, const
       throw UsageError("deformation flow: the energy is not zero for velocities of zero: it is one of maps");
     }
   }
-  if (!(options_.soft_weight >= 0.0) || std::isinf(options_.soft_weight)) {
+  if (!(options_.soft_weight >= 0.0)) {
     throw UsageError(
         fmt::format("deformation flow: weight {} of soft handles must not be negative", options_.soft_weight));
   }
@@ -203,6 +203,27 @@ void DeformationFlow::refresh_handle_velocities(double t) {
   }
 }
 
+// Constraints are checked against the kernel that an energy declares. Of one that declares none (surfaces without the
+// smoothness that holds isometries), rounding lets the factorization of a singular matrix pass.
+void DeformationFlow::check_regular() {
+  checked_ = true;
+  const bool least_squares = backend_.capabilities().least_squares && !backend_.capabilities().spd;
+  if (problem_.kernel() != Kernel::other || least_squares) return;
+  constexpr double kSingular = 1e-13;  // smallest eigenvalue by largest entry of the diagonal
+  const SparseMatrix& K = problem_.reduced_matrix();
+  Eigen::MatrixXd x = Eigen::MatrixXd::NullaryExpr(
+      K.rows(), 1, [](Eigen::Index i) { return std::cos(1.0 + 7.0 * static_cast<double>(i)); });
+  for (int i = 0; i < 3; ++i) x = backend_.solve(x.normalized());
+  const double smallest = 1.0 / x.norm();
+  const double largest = K.diagonal().maxCoeff();
+  if (!(smallest > kSingular * largest)) {
+    throw SolverError(
+        fmt::format("the handles leave motions free that cost no energy (smallest eigenvalue {:.2g}, largest entry of "
+                    "the diagonal {:.2g}): take beta > 0, or hold more vertices",
+                    smallest, largest));
+  }
+}
+
 void DeformationFlow::velocity(double t, const Vector& y, Vector& dy) {
   const Stopwatch watch;
   place(t, y);
@@ -212,6 +233,7 @@ void DeformationFlow::velocity(double t, const Vector& y, Vector& dy) {
   try {
     problem_.refresh_operator();
     problem_.solve(backend_, velocities_);
+    if (!checked_) check_regular();
     if (continuation_) continue_inside();
   } catch (const SolverError& error) {
     // The rest shape has a solution or none. Of one that moved, cells as thin as rounding make the matrix singular: a

@@ -96,6 +96,7 @@ class DeformationFlow final : public OdeField {
   // The domain at positions y. Throws StepRefused.
   void place(double t, const Vector& y);
   void refresh_handle_velocities(double t);
+  void check_regular();
   // Velocities inside from those on the boundary.
   void continue_inside();
 
@@ -112,6 +113,7 @@ class DeformationFlow final : public OdeField {
   Matrix velocities_;
   Matrix handle_velocities_;    // in the order of the constraints
   Matrix boundary_velocities_;  // likewise, of the continuation
+  bool checked_ = false;
   double geometry_seconds_ = 0.0;
 };
 

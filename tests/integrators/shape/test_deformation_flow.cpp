@@ -756,5 +756,23 @@ TEST(DeformationFlow, NearIsometricPathsAreReversibleAndStretchingIsNot) {
   EXPECT_GT(back(wavy, translate(point({1.0, 0.0, 0.0}), {0.0, 1.0}), 2.0), 0.1);
 }
 
+// Infinitesimal isometries of a flat sheet: without smoothness its normal velocities cost nothing, and rounding alone
+// makes the matrix look definite.
+TEST(DeformationFlow, MotionsThatCostNothingAreAnErrorAtRest) {
+  const Domain flat = sheet({.width = 3.0, .height = 0.8, .h = 0.1});
+  const auto energy = make("near_isometric");
+  const auto first_velocity = [&](double beta) {
+    const auto backend = make_linear_backend("auto");
+    DeformationFlow flow(flat, *energy, {.beta = beta},
+                         {{.vertices = at(flat, 0, 0.0)},
+                          {.vertices = at(flat, 0, 3.0), .motion = translate(point({-0.5, 0.4, 0.0}), {0.0, 1.0})}},
+                         0.0, *backend);
+    Vector dy(flow.size());
+    flow.velocity(0.0, flow.rest_state(), dy);
+  };
+  EXPECT_THROW(first_velocity(0.0), SolverError);
+  EXPECT_NO_THROW(first_velocity(0.1));
+}
+
 }  // namespace
 }  // namespace variform
