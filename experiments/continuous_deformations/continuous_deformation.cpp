@@ -31,22 +31,19 @@ const std::vector<std::string> kStarts = {"rest"};
 // Largest matrix whose condition number is computed, by dense eigenvalues.
 constexpr Index kDenseLimit = 3000;
 
-const std::vector<Parameter> kNormParameters = {
-    {.name = "beta",
-     .value = 0.0,
-     .doc = "regularization weight; 1 where the energy has a regularizer of its own (omega of near_isometric)",
-     .min = 0.0,
-     .max = 1.0},
-    {.name = "alpha",
-     .value = 0.0,
-     .doc = "smoothing of the energy's gradient in place of beta (Martinez Esturo 2013, eq. 23), a length, for weights "
-            "(sin phi, cos phi)",
-     .min = 0.0},
-    {.name = "alpha_relative", .value = 0.0, .doc = "alpha by the diameter of the rest shape", .min = 0.0},
-    {.name = "facet_weight",
-     .value = std::string("facet_measure"),
-     .doc = "weight of jumps",
-     .choices = facet_weight_names()}};
+std::vector<Parameter> norm_parameters() {
+  std::vector<Parameter> parameters = velocity_norm_parameters();
+  const std::vector<Parameter> smoothing = {
+      {.name = "alpha",
+       .value = 0.0,
+       .doc =
+           "smoothing of the energy's gradient in place of beta (Martinez Esturo 2013, eq. 23), a length, for weights "
+           "(sin phi, cos phi)",
+       .min = 0.0},
+      {.name = "alpha_relative", .value = 0.0, .doc = "alpha by the diameter of the rest shape", .min = 0.0}};
+  parameters.insert(parameters.end(), smoothing.begin(), smoothing.end());
+  return parameters;
+}
 
 const std::vector<Parameter> kIntegratorParameters = {
     {.name = "type", .value = std::string("abm3"), .doc = "ODE backend; means nothing for energies of maps"},
@@ -103,15 +100,9 @@ struct Input {
   bool boundary_diffusion = false;
 };
 
-Parameters section(const Config& config, const char* name, const std::vector<Parameter>& parameters,
-                   const std::vector<std::string>& others = {}) {
-  if (!config.root().has(name)) return Parameters(parameters);
-  return config.root().at(name).parameters(parameters, others);
-}
-
 // diameter 1: a check without a mesh.
 NormInput read_norm_input(const Config& config, double diameter) {
-  const Parameters p = section(config, "norm", kNormParameters);
+  const Parameters p = section_of(config, "norm", norm_parameters());
   NormInput input;
   const auto given = [&](const char* key) { return config.root().has("norm") && config.root().at("norm").has(key); };
   if (given("alpha") + given("alpha_relative") + given("beta") > 1) {
@@ -127,7 +118,7 @@ Input read_input(const Config& config, double diameter) {
   Input input;
   input.norm = read_norm_input(config, diameter);
   input.measure = read_measure(config);
-  const Parameters p = section(config, "integrator", kIntegratorParameters, {"options"});
+  const Parameters p = section_of(config, "integrator", kIntegratorParameters, {"options"});
   input.integrator = p.string("type");
   input.end = p.number("end");
   input.ode = {.tolerance = p.number("tolerance"),
@@ -138,10 +129,10 @@ Input read_input(const Config& config, double diameter) {
     config.root().at("integrator").fail("the smallest step is longer than the first one");
   }
   input.checkpoint_steps = static_cast<int>(p.integer("checkpoint_steps"));
-  const Parameters trajectory = section(config, "trajectory", kTrajectoryParameters);
+  const Parameters trajectory = section_of(config, "trajectory", kTrajectoryParameters);
   input.frames = trajectory.integer("frames");
   input.colour = trajectory.string("colour");
-  const Parameters baseline = section(config, "baseline", kBaselineParameters);
+  const Parameters baseline = section_of(config, "baseline", kBaselineParameters);
   input.soft_weight = baseline.number("soft_weight");
   input.boundary_diffusion = baseline.boolean("boundary_diffusion");
   return input;
@@ -474,22 +465,13 @@ void run_continuous(const Config& config, const Scene& scene, Energy& energy, co
   row.set("solver", linear.backend);
   row.set("solver_residual", linear.residual);
   row.set("analyses", static_cast<std::int64_t>(linear.analyses));
-  row.set("unknowns", static_cast<std::int64_t>(linear.columns));
-  row.set("nnz_H", static_cast<std::int64_t>(linear.nnz_matrix));
+  set_system(linear, row);
   row.set("nnz_per_row", 2.0 * static_cast<double>(linear.nnz_matrix) / static_cast<double>(linear.columns) - 1.0);
-  row.set("nnz_L", linear.nnz_factor >= 0 ? Value(static_cast<std::int64_t>(linear.nnz_factor)) : Value());
-  row.set("flops", linear.flops >= 0.0 ? Value(linear.flops) : Value());
   row.set("seconds_t1", times.pattern + times.analyze);
   row.set("seconds_t2", (flow.geometry_seconds() + times.declare + times.refill) / each);
   row.set("seconds_t3", (times.factorize + times.solve) / each);
   row.set("seconds_t1_by_t3", (times.pattern + times.analyze) * each / (times.factorize + times.solve));
-  row.set("seconds_declare", times.declare);
-  row.set("seconds_pattern", times.pattern);
-  row.set("seconds_refill", times.refill);
-  row.set("seconds_analyze", times.analyze);
-  row.set("seconds_factorize", times.factorize);
-  row.set("seconds_solve", times.solve);
-  row.set("seconds_total", integration.seconds());
+  set_times(times, integration.seconds(), row);
   scene.finish(X, result);
 }
 
@@ -553,7 +535,7 @@ std::vector<Section> sections() {
   for (const Section& s : study_sections(kStarts)) {
     if (s.name == "solver") all.push_back(s);
   }
-  all.push_back({"norm", kNormParameters});
+  all.push_back({"norm", norm_parameters()});
   all.push_back({"integrator", kIntegratorParameters});
   all.push_back({"trajectory", kTrajectoryParameters});
   all.push_back({"baseline", kBaselineParameters});

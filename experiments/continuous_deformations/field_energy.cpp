@@ -13,20 +13,13 @@ namespace {
 
 constexpr int kShown = 24;  // tessellations whose energies are metrics of their own
 
-const std::vector<Parameter> kNormParameters = {
-    {.name = "beta",
-     .value = 0.0,
-     .doc = "regularization weight; 1 where the energy has a regularizer of its own (omega of near_isometric)",
-     .min = 0.0,
-     .max = 1.0}};
-
 std::vector<ConfigNode> tessellations(const Config& config) {
   return config.root().has("tessellation") ? config.root().at("tessellation").elements() : std::vector<ConfigNode>();
 }
 
-double read_beta(const Config& config) {
-  if (!config.root().has("norm")) return 0.0;
-  return config.root().at("norm").parameters(kNormParameters).number("beta");
+NormOptions read_norm(const Config& config) {
+  const Parameters p = section_of(config, "norm", velocity_norm_parameters());
+  return {p.number("beta"), facet_weight_from(p.string("facet_weight"))};
 }
 
 // Unit normals at the vertices, means over the incident triangles by area.
@@ -43,7 +36,7 @@ Matrix vertex_normals(const Domain& domain) {
 
 void check(const Config& config) {
   read_energy(config.root().at("energy"), true);
-  read_beta(config);
+  read_norm(config);
   if (tessellations(config).size() < 2) throw UsageError("field_energy: expected two [[tessellation]] tables or more");
   for (const ConfigNode& node : tessellations(config)) check_domain(node);
 }
@@ -58,7 +51,7 @@ PointResult run(const Config& config) {
     if (domain.kind() != DomainKind::surface) node.fail("the normal field needs a surface");
     Constraints all(domain.vertex_count(), 3);
     for (Index v = 0; v < domain.vertex_count(); ++v) all.fix(v, Eigen::RowVector3d::Zero());
-    const Problem problem(domain, *energy, {.beta = read_beta(config)}, std::move(all));
+    const Problem problem(domain, *energy, read_norm(config), std::move(all));
     values.push_back(problem.value(vertex_normals(domain)).total * domain.cell_count());
     if (values.size() <= kShown) result.metrics.set(fmt::format("energy_{}", values.size()), values.back());
   }
@@ -102,7 +95,7 @@ PipelineEntry describe_field_energy() {
               "energy of the field of unit normals on several tessellations of a surface (Martinez Esturo 2013, "
               "Figure 16a)",
           .sections = {"energy", "norm", "tessellation"},
-          .parameters = {{"norm", kNormParameters}},
+          .parameters = {{"norm", velocity_norm_parameters()}},
           .metrics = metrics(),
           .figures = {},
           .run = run,

@@ -35,24 +35,8 @@ const std::vector<Parameter> kModesParameters = {
      .doc = "which mode beyond the zero modes the figure shows",
      .min = 1.0}};
 
-const std::vector<Parameter> kNormParameters = {
-    {.name = "beta",
-     .value = 0.0,
-     .doc = "regularization weight; 1 where the energy has a regularizer of its own (omega of near_isometric)",
-     .min = 0.0,
-     .max = 1.0},
-    {.name = "facet_weight",
-     .value = std::string("facet_measure"),
-     .doc = "weight of jumps",
-     .choices = facet_weight_names()}};
-
-Parameters section(const Config& config, const char* name, const std::vector<Parameter>& parameters) {
-  if (!config.root().has(name)) return Parameters(parameters);
-  return config.root().at(name).parameters(parameters);
-}
-
 std::unique_ptr<EigenBackend> make_backend(const Config& config) {
-  const std::string name = section(config, "modes", kModesParameters).string("backend");
+  const std::string name = section_of(config, "modes", kModesParameters).string("backend");
   const auto make = [&] { return make_eigen_backend(name); };
   const bool named = config.root().has("modes") && config.root().at("modes").has("backend");
   return named ? config.root().at("modes").at("backend").located(make) : make();
@@ -126,8 +110,8 @@ std::vector<Metric> metrics() {
 void check(const Config& config) {
   check_domain(config.root().at("domain"));
   read_energy(config.root().at("energy"), true);
-  section(config, "norm", kNormParameters);
-  if (section(config, "modes", kModesParameters).integer("segments") == 1) {
+  section_of(config, "norm", velocity_norm_parameters());
+  if (section_of(config, "modes", kModesParameters).integer("segments") == 1) {
     config.root().at("modes").at("segments").fail("expected 0, or 2 and more");
   }
   make_backend(config);
@@ -151,16 +135,17 @@ PointResult run(const Config& config) {
     config.root().at("energy").at("type").fail("coordinates decouple here: its modes are functions, not velocities");
   }
   const std::vector<int> reference = reference_labels(config, domain);
-  const Parameters norm = section(config, "norm", kNormParameters);
-  const Parameters p = section(config, "modes", kModesParameters);
+  const Parameters norm = section_of(config, "norm", velocity_norm_parameters());
+  const Parameters p = section_of(config, "modes", kModesParameters);
   const int d = domain.ambient_dimension();
   Problem problem(domain, *energy, {norm.number("beta"), facet_weight_from(norm.string("facet_weight"))},
                   held_somewhere(domain));
   const auto backend = make_backend(config);
   const auto count = static_cast<Index>(p.integer("count"));
-  const SparseMatrix& H = problem.normal_matrix();
+  const bool weighted = p.string("mass") == "consistent";
   const EigenPairs modes =
-      p.string("mass") == "consistent" ? spectrum(problem, *backend, count) : backend->solve(H, SparseMatrix(), count);
+      spectrum(problem, *backend, count, weighted ? SpectrumMetric::mass : SpectrumMetric::identity);
+  const SparseMatrix& H = problem.normal_matrix();
 
   PointResult result;
   result.warnings = loaded.warnings;
@@ -176,7 +161,7 @@ PointResult run(const Config& config) {
     }
   }
   double largest = sums.maxCoeff();
-  if (p.string("mass") == "consistent") {
+  if (weighted) {
     const int corners = domain.cell_size();
     largest /= domain.cell_measures().minCoeff() / (corners * (corners + 1));
   }
@@ -266,7 +251,7 @@ PipelineEntry describe_modes() {
               "smallest eigenpairs of a free shape's energy of velocities, stiffness descriptor, segmentation "
               "(Martinez Esturo 2013, sec. 4.4)",
           .sections = {"domain", "energy", "norm", "modes", "segment"},
-          .parameters = {{"norm", kNormParameters}, {"modes", kModesParameters}},
+          .parameters = {{"norm", velocity_norm_parameters()}, {"modes", kModesParameters}},
           .metrics = metrics(),
           .figures = {"mode", "descriptor", "segments"},
           .run = run,

@@ -399,18 +399,8 @@ Matrix run_study(Study& study, PointResult& result, Vector& local_energy) {
   row.set("solver", linear.backend);
   row.set("solver_residual", linear.residual);
   row.set("linear_iterations", static_cast<std::int64_t>(linear.iterations));
-  row.set("unknowns", static_cast<std::int64_t>(linear.columns));
-  row.set("nnz_H", static_cast<std::int64_t>(linear.nnz_matrix));
-  row.set("nnz_L", linear.nnz_factor >= 0 ? Value(static_cast<std::int64_t>(linear.nnz_factor)) : Value());
-  row.set("flops", linear.flops >= 0.0 ? Value(linear.flops) : Value());
-  const ProblemTimes& times = problem.times();
-  row.set("seconds_declare", times.declare);
-  row.set("seconds_pattern", times.pattern);
-  row.set("seconds_refill", times.refill);
-  row.set("seconds_analyze", times.analyze);
-  row.set("seconds_factorize", times.factorize);
-  row.set("seconds_solve", times.solve);
-  row.set("seconds_total", total.seconds());
+  set_system(linear, row);
+  set_times(problem.times(), total.seconds(), row);
   local_energy = outcome.residual.rowwise().squaredNorm();
   return outcome.U;
 }
@@ -475,6 +465,43 @@ std::vector<Metric> distortion_metrics(const std::vector<Metric>& more) {
       {{"max_conf_ratio", "max σ₁/σ₂"}, "largest ratio of singular values; infinite with flips"}};
   metrics.insert(metrics.end(), more.begin(), more.end());
   return metrics;
+}
+
+Parameters section_of(const Config& config, const std::string& name, const std::vector<Parameter>& declared,
+                      const std::vector<std::string>& others) {
+  if (!config.root().has(name)) return Parameters(declared);
+  return config.root().at(name).parameters(declared, others);
+}
+
+const std::vector<Parameter>& velocity_norm_parameters() {
+  static const std::vector<Parameter> parameters = {
+      {.name = "beta",
+       .value = 0.0,
+       .doc = "regularization weight; 1 where the energy has a regularizer of its own (omega of near_isometric)",
+       .min = 0.0,
+       .max = 1.0},
+      {.name = "facet_weight",
+       .value = std::string("facet_measure"),
+       .doc = "weight of residual jumps",
+       .choices = facet_weight_names()}};
+  return parameters;
+}
+
+void set_system(const LinearReport& report, Row& row) {
+  row.set("unknowns", static_cast<std::int64_t>(report.columns));
+  row.set("nnz_H", static_cast<std::int64_t>(report.nnz_matrix));
+  row.set("nnz_L", report.nnz_factor >= 0 ? Value(static_cast<std::int64_t>(report.nnz_factor)) : Value());
+  row.set("flops", report.flops >= 0.0 ? Value(report.flops) : Value());
+}
+
+void set_times(const ProblemTimes& times, double total, Row& row) {
+  row.set("seconds_declare", times.declare);
+  row.set("seconds_pattern", times.pattern);
+  row.set("seconds_refill", times.refill);
+  row.set("seconds_analyze", times.analyze);
+  row.set("seconds_factorize", times.factorize);
+  row.set("seconds_solve", times.solve);
+  row.set("seconds_total", total);
 }
 
 void set_sizes(const Domain& domain, Row& row) {

@@ -82,6 +82,15 @@ std::vector<ConfigNode> constraint_tables(const Config& config);
 /// The mesh file of [domain], if any.
 std::vector<std::filesystem::path> study_inputs(const Config& config);
 
+/// A section of a config as checked parameters, all defaults where it has none.
+Parameters section_of(const Config& config, const std::string& name, const std::vector<Parameter>& declared,
+                      const std::vector<std::string>& others = {});
+/// beta, which may be 1, and facet_weight: [norm] of pipelines for energies of velocities.
+const std::vector<Parameter>& velocity_norm_parameters();
+
+/// Size of the last system, and seconds of all phases, for the end of a row.
+void set_system(const LinearReport& report, Row& row);
+void set_times(const ProblemTimes& times, double total, Row& row);
 /// Sizes and quality of the mesh, for the head of a row.
 void set_sizes(const Domain& domain, Row& row);
 void set_distortion(const Domain& domain, const Matrix& U, Row& row);

@@ -8,34 +8,16 @@
 
 #include "framework/base/error.h"
 #include "integrators/shape/curve.h"
+#include "tests/integrators/shape/points.h"
 
 namespace variform {
 namespace {
 
 using std::numbers::pi;
 using ::testing::HasSubstr;
-
-Matrix rows(std::initializer_list<std::initializer_list<double>> points) {
-  Matrix m(static_cast<Eigen::Index>(points.size()), static_cast<Eigen::Index>(points.begin()->size()));
-  Eigen::Index i = 0;
-  for (const auto& point : points) {
-    Eigen::Index j = 0;
-    for (const double x : point) m(i, j++) = x;
-    ++i;
-  }
-  return m;
-}
-
-SpacePoint point(std::initializer_list<double> x) { return rows({x}).row(0).transpose(); }
-
-std::string message_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const UsageError& error) {
-    return error.what();
-  }
-  return "no error";
-}
+using testing::message_of;
+using testing::point;
+using testing::rows;
 
 std::vector<std::unique_ptr<GuidanceCurve>> all_curves() {
   const TimeInterval time{0.5, 3.0};

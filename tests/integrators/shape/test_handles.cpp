@@ -11,34 +11,16 @@
 #include "framework/base/error.h"
 #include "framework/domain/generators.h"
 #include "integrators/shape/handles.h"
+#include "tests/integrators/shape/points.h"
 
 namespace variform {
 namespace {
 
 using std::numbers::pi;
 using ::testing::HasSubstr;
-
-Matrix rows(std::initializer_list<std::initializer_list<double>> points) {
-  Matrix m(static_cast<Eigen::Index>(points.size()), static_cast<Eigen::Index>(points.begin()->size()));
-  Eigen::Index i = 0;
-  for (const auto& point : points) {
-    Eigen::Index j = 0;
-    for (const double x : point) m(i, j++) = x;
-    ++i;
-  }
-  return m;
-}
-
-SpacePoint point(std::initializer_list<double> x) { return rows({x}).row(0).transpose(); }
-
-std::string message_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "no error";
-}
+using testing::message_of;
+using testing::point;
+using testing::rows;
 
 std::shared_ptr<const GuidanceCurve> wave(const TimeInterval& time) {  // inflections and a straight end
   return make_spline(rows({{0.0, 0.0}, {1.0, 1.0}, {2.0, -1.0}, {3.0, 0.0}, {4.0, 0.5}}), time);
