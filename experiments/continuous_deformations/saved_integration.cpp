@@ -3,9 +3,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include <bit>
+#include <algorithm>
 #include <cstdint>
-#include <cstring>
+#include <utility>
 
 namespace variform {
 namespace {
@@ -14,15 +14,16 @@ using Json = nlohmann::json;
 
 // CBOR keeps the bits of doubles; arrays of them travel as one string of bytes.
 Json packed(const Vector& values) {
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(values.size()) * sizeof(double));
-  std::memcpy(bytes.data(), values.data(), bytes.size());
-  return Json::binary(std::move(bytes));
+  const auto* const first = reinterpret_cast<const std::uint8_t*>(values.data());
+  return Json::binary(
+      std::vector<std::uint8_t>(first, first + static_cast<std::size_t>(values.size()) * sizeof(double)));
 }
 
 Vector unpacked(const Json& json) {
   const auto& bytes = json.get_binary();
   Vector values(static_cast<Eigen::Index>(bytes.size() / sizeof(double)));
-  std::memcpy(values.data(), bytes.data(), static_cast<std::size_t>(values.size()) * sizeof(double));
+  std::copy_n(bytes.begin(), static_cast<std::size_t>(values.size()) * sizeof(double),
+              reinterpret_cast<std::uint8_t*>(values.data()));
   return values;
 }
 
