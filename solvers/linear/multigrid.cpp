@@ -27,7 +27,7 @@ class Multigrid final : public Preconditioner {
       PetscCall(PCCreate(petsc::communicator(), pc_.create()));
       PetscCall(PCSetOptionsPrefix(pc_, prefix_.c_str()));
       PetscCall(PCSetOperators(pc_, matrix_.get(), matrix_.get()));
-      if (options_.library == "boomeramg") {
+      if (options_.method == "boomeramg") {
         PetscCall(PCSetType(pc_, PCHYPRE));
         PetscCall(PCHYPRESetType(pc_, "boomeramg"));
       } else {

@@ -20,7 +20,7 @@ class Preconditioner {
 };
 
 struct MultigridOptions {
-  std::string library;  ///< "boomeramg" (hypre) or "gamg" (PETSc)
+  std::string method;   ///< "boomeramg" (hypre) or "gamg" (PETSc)
   Index block_size;     ///< unknowns per vertex, which follow each other
   std::string options;  ///< in PETSc's syntax, for instance "-pc_hypre_boomeramg_strong_threshold 0.5"
 };
