@@ -549,6 +549,7 @@ PipelineEntry describe_continuous_deformation() {
   std::vector<Metric> metrics = study_metrics(own_metrics());
   metrics.push_back(
       {{"map_difference"}, "with [compare]: largest distance of probe images from the reference, by the diameter"});
+  metrics.push_back({{"map_difference_mean"}, "with [compare]: their mean"});
   return {.name = "continuous_deformation",
           .doc =
               "moves a shape by handles: velocities of least energy on the current shape, integrated in time; or, for "

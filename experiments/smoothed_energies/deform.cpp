@@ -148,7 +148,8 @@ PointResult run(const Config& config) {
 
 std::vector<Metric> metrics() {
   const std::vector<Metric> compared = {
-      {{"map_difference"}, "with [compare]: largest distance of probe images from the reference, by the diameter"}};
+      {{"map_difference"}, "with [compare]: largest distance of probe images from the reference, by the diameter"},
+      {{"map_difference_mean"}, "with [compare]: their mean"}};
   std::vector<Metric> all = study_metrics(own_metrics());
   all.insert(all.end(), compared.begin(), compared.end());
   return all;

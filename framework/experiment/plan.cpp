@@ -88,7 +88,7 @@ void check_keys(const ConfigNode& root, const Plan& plan) {
   }
   if (!plan.sweep.seed_keys().empty()) own.emplace_back("seed");
   if (plan.bisection) own.insert(own.end(), kBisectionKeys.begin(), kBisectionKeys.end());
-  if (!plan.reference.empty()) own.insert(own.end(), {"map_difference", "probe_points"});
+  if (!plan.reference.empty()) own.insert(own.end(), {"map_difference", "map_difference_mean", "probe_points"});
   for (const auto& [metric, size] : plan.rates) own.push_back(metric + "_eoc");
   known.add("set by the runner", own);
 

@@ -29,7 +29,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Largest distance of images of probe points between each row and the reference row of its group.
+// Largest and mean distance of images of probe points between each row and the reference row of its group.
 void compare_probes(const Plan& plan, const std::vector<Point>& points, Record& record) {
   const Condition reference(plan.reference);
   const std::vector<std::string> keys = reference.keys();
@@ -46,6 +46,7 @@ void compare_probes(const Plan& plan, const std::vector<Point>& points, Record& 
   for (std::size_t i = 0; i < points.size(); ++i) {
     if (!succeeded(record.rows[i])) continue;
     double largest = std::nan("");
+    double sum = 0.0;
     std::int64_t common = 0;
     const auto found = references.find(group_text(record.rows[i], others));
     if (found != references.end()) {
@@ -54,11 +55,13 @@ void compare_probes(const Plan& plan, const std::vector<Point>& points, Record& 
       for (Eigen::Index k = 0; k < std::min(a.rows(), b.rows()); ++k) {
         const double distance = (a.row(k) - b.row(k)).norm() / points[i].result.probe_scale;
         if (!std::isfinite(distance)) continue;
+        sum += distance;
         largest = std::isnan(largest) ? distance : std::max(largest, distance);
         ++common;
       }
     }
     record.rows[i].set("map_difference", largest);
+    record.rows[i].set("map_difference_mean", sum / static_cast<double>(common));
     record.rows[i].set("probe_points", common);
   }
 }

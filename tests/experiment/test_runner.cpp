@@ -96,8 +96,9 @@ class FakePipeline {
       result.history = {{"E", {0, 1}, {2.0, 1.0}}};
     }
     // The first probe is outside of the domain.
-    result.probes = Matrix::Constant(2, 2, std::nan(""));
+    result.probes = Matrix::Constant(3, 2, std::nan(""));
     result.probes.row(1) << x, a;
+    result.probes.row(2) << 0.0, a;
     result.probe_scale = 2.0;
     if (x < 0.0) result.warnings.push_back("negative");
     return result;
@@ -245,9 +246,10 @@ TEST(Runner, BisectSaysWhenThereIsNoThresholdAndStopsAtThePrecisionOfDoubles) {
 TEST(Runner, CompareMeasuresProbesAgainstTheReferenceOfTheSameGroup) {
   const TemporaryFolder folder;
   const Record record = run_in(folder, kGrid + "[compare]\nreference = \"model.x == 1\"\n");
-  // Probes (x, a): groups of equal a differ by x - 1; lengths are in units of 2.
+  // Probes (x, a) and (0, a): in groups of equal a the first differ by x - 1; lengths are in units of 2.
   EXPECT_THAT(column(record.rows, "map_difference"), ElementsAre(0, 0, 0.5, 0.5, 1, 1));
-  EXPECT_THAT(column(record.rows, "probe_points"), ElementsAre(1, 1, 1, 1, 1, 1));
+  EXPECT_THAT(column(record.rows, "map_difference_mean"), ElementsAre(0, 0, 0.25, 0.25, 0.5, 0.5));
+  EXPECT_THAT(column(record.rows, "probe_points"), ElementsAre(2, 2, 2, 2, 2, 2));
   const Record missing = run_in(folder, kGrid + "[compare]\nreference = \"model.x == 7\"\n");
   EXPECT_TRUE(std::isnan(column(missing.rows, "map_difference")[0]));
   EXPECT_THAT(missing.warnings, ElementsAre(HasSubstr("no row fulfils 'model.x == 7'")));
